@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from cablecast.arm.base import LimitKind
+from cablecast.arm.robot import RobotConfig
 from cablecast.arm.ur import ArmUR, ur_limits
-from cablecast.errors import ActionError, InputError
-from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
+from cablecast.errors import ActionError, InputError, JointLimitError
+from cablecast.motion.action import Action, ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import (
     LIMIT_SHARE,
@@ -17,6 +18,7 @@ from cablecast.motion.feasibility import (
     feasible_uniform,
 )
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import MotionConfig, Setup
 from cablecast.workspace import Workspace
 
@@ -114,6 +116,51 @@ def test_r_max_of_the_workspace_bounds_the_grip():
     checked = check_actions(action, Setup(workspace=Workspace(r_max=0.7)))
     (violation,) = checked.reasons[0]
     assert (violation.value, violation.bound) == (pytest.approx(0.75), pytest.approx(0.7))
+
+
+def test_a_cast_behind_the_tables_near_edge_is_refused_and_says_so():
+    wide = [[-0.8, 1.7, 0.6, 1.7]]
+    (violation,) = check_actions(wide, SETUP).reasons[0]
+    assert str(violation).startswith(
+        f"table edge: y of the grip {0.6 * np.cos(1.7):.4g} m is below"
+    )
+    with pytest.raises(JointLimitError, match="table edge: y of the grip"):
+        plan_trajectory(Action.from_array(wide[0]), SETUP)
+    behind = Workspace(table_near_y=-0.2, table_depth=1.7)
+    assert check_actions(wide, Setup(workspace=behind)).mask.tolist() == [True]
+
+
+BOX_LOW, BOX_HIGH = (-0.97, 0.05, 0.0), (0.75, 0.97, 1.1)
+
+
+def test_what_may_be_chosen_keeps_grip_and_flange_within_the_robots_box_on_both_sides():
+    robot = RobotConfig(
+        address="localhost",
+        payload_mass=1.0,
+        payload_cog=(0.0, 0.0, 0.05),
+        box_low=BOX_LOW,
+        box_high=BOX_HIGH,
+    )
+    setup = Setup(robot=robot)
+    sweep = [[-0.8, 1.53, 0.6, 1.6]]
+    (violation,) = check_actions(sweep, setup).reasons[0]
+    assert violation.name == "robot box"
+    assert str(violation).startswith("robot box: y of the grip 0.024")
+    # With a cable that points ahead, the flange is nearer to the base than the grip.
+    (violation,) = check_actions([[-1.5, 0.5, 0.6, 0.5]], setup).reasons[0]
+    assert str(violation).startswith("robot box: y of the flange")
+    actions = feasible_uniform(100, setup)
+    places = []
+    for side in (actions, mirror_actions(actions)):
+        for action in side:
+            q = plan_trajectory(Action.from_array(action), setup).joint_path.q
+            places += [setup.arm.grip_pose(q)[:, :3], setup.arm.forward(q)[:, :3, 3]]
+    places = np.concatenate(places)
+    assert np.all(places >= BOX_LOW)
+    assert np.all(places <= BOX_HIGH)
+    # The box is used: the candidates come near its sides.
+    assert np.abs(places[:, 0]).max() > 0.72
+    assert places[:, 1].min() < 0.15
 
 
 def test_a_faster_motion_breaks_the_velocity_of_the_base():
@@ -250,10 +297,7 @@ def test_the_ranges_hold_what_the_arm_can_do_and_little_else(lab):
     wide[2] = (0.35 + max(behind, 0.0), 0.94 + abs(behind))
     actions = rng.uniform(wide[:, 0], wide[:, 1], (4000, 4))
     actions[:, 3] += actions[:, 1]
-    theta1, theta2, r2, _ = actions.T
-    y_turn = np.maximum(setup.motion.r0, r2) * np.cos(theta1) - behind
-    above = np.minimum(y_turn, r2 * np.cos(theta2) - behind) >= setup.workspace.y_min
-    actions = actions[above & check_actions(actions, setup).mask]
+    actions = actions[check_actions(actions, setup).mask]
     actions[:, 3] -= actions[:, 1]
     slack = 0.02 * np.ptp(box, axis=1)
     inside = (actions >= box[:, 0] - slack) & (actions <= box[:, 1] + slack)

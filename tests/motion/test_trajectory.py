@@ -9,6 +9,7 @@ from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_grid
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.setup import Setup
+from cablecast.workspace import Workspace
 
 SETUP = Setup()
 # The speed of the grip path errs by this much from the polar path's [m/s], see test_cast.py.
@@ -49,7 +50,8 @@ def test_no_trajectory_ever_exceeds_a_limit(theta1, theta2, r2, wrist, v_max, je
 
 def test_a_peak_between_the_samples_of_the_check_is_found_in_the_set_points():
     """The shoulder passes close to the base, where its acceleration peaks for a moment."""
-    setup = SETUP.with_motion(v_max=0.5, jerk=10.0, r0=0.875)
+    around = Workspace(table_near_y=-1.0, table_depth=3.0)
+    setup = Setup(workspace=around).with_motion(v_max=0.5, jerk=10.0, r0=0.875)
     action = Action(-2.0, 0.84375, 0.425390625, 1.71875)
     with pytest.raises(JointLimitError, match=r"set points ask for shoulder acceleration"):
         plan_trajectory(action, setup)

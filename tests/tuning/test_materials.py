@@ -78,9 +78,11 @@ def test_the_curl_of_a_cable_is_found_with_a_handful_of_casts_to_both_sides(cabl
 
 def test_bends_that_stay_in_a_cable_are_found(cable, truth, tracks):
     bent = tracks_of(cable, truth, tracks, yield_curvature=10.0, yield_time=YIELD_TIME)
-    result = fit(cable, bent, finding("yield_curvature"))
-    # Folds magnify rounding: three builds of one engine found 12, 15 and 22 1/m.
-    assert 6.0 < result.params.yield_curvature < 25.0
+    # From 8 starts one build of the engine ends in a valley at 22 1/m with twice the loss.
+    many = dataclasses.replace(finding("yield_curvature"), start_count=24)
+    result = fit(cable, bent, many)
+    # Folds magnify rounding: three builds of one engine found 12, 14 and 15 1/m.
+    assert 6.0 < result.params.yield_curvature < 17.0
     assert result.params.yield_time == YIELD_TIME
     assert result.training.loss[1] < 0.8 * fit(cable, bent, PLAIN).training.loss[1]
 

@@ -81,7 +81,7 @@ class Evaluate:
         print(f"report   {out / REPORT_FILE}")
 
     def _policy(self) -> "Policy":
-        from cablecast.cli.options import cable_name, check_same_setup, load_lab
+        from cablecast.cli.options import cable_name, check_same_setup, load_lab, with_instruments
         from cablecast.errors import InputError
         from cablecast.learning.policy import ForwardSearchPolicy, PolarCastingPolicy
         from cablecast.runs.places import find_input
@@ -95,7 +95,7 @@ class Evaluate:
         folder = find_input("model", self.model, cable_name(self.setup, self.cable))
         policy = ForwardSearchPolicy.load(folder)
         check_same_setup(self.setup, self.cable, policy.setup, folder)
-        return policy
+        return policy.in_lab(with_instruments(policy.setup, self.setup))
 
     @contextlib.contextmanager
     def _rig(self, policy: "Policy", out: pathlib.Path) -> "Iterator[CheckedRig]":

@@ -41,7 +41,7 @@ class PlanVerb:
 
     def run(self) -> int:
         """Plan, print, and save if asked to; return the exit status."""
-        from cablecast.cli.options import cable_name, check_same_setup, load_lab
+        from cablecast.cli.options import cable_name, check_same_setup, load_lab, with_instruments
         from cablecast.errors import InputError, check_number
         from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.plan import (
@@ -60,6 +60,7 @@ class PlanVerb:
         folder = find_input("model", self.model, cable_name(self.setup, self.cable))
         policy = ForwardSearchPolicy.load(folder)
         check_same_setup(self.setup, self.cable, policy.setup, folder)
+        policy = policy.in_lab(with_instruments(policy.setup, self.setup))
         r, theta_deg = self.target
         plan = plan_motion(policy, r=r, theta_deg=theta_deg)
         path = plan.trajectories[0].joint_path

@@ -3,6 +3,7 @@
 Prediction needs only NumPy; torch is needed only for training, so planning starts at once.
 """
 
+import copy
 import dataclasses
 import functools
 import json
@@ -288,6 +289,13 @@ class LandingModel:
     def setup(self) -> Setup:
         """Cable, workspace, arm and motion settings of the training casts."""
         return self.settings.setup
+
+    def in_lab(self, setup: Setup) -> Self:
+        """Return the model for a set-up of the same settings, whose robot bounds the motions."""
+        model, settings = copy.copy(self), copy.copy(self.settings)
+        settings.__dict__["setup"] = setup
+        model.__dict__["settings"] = settings
+        return model
 
     @property
     def action_ranges(self) -> ActionRanges:

@@ -432,6 +432,20 @@ class ForwardSearchPolicy:
         """Set-up that the policy plans for: the model's."""
         return self.model.setup
 
+    def in_lab(self, setup: Setup) -> "ForwardSearchPolicy":
+        """Return the policy for a set-up of the same settings, within the box of its robot.
+
+        Raises:
+            InputError: No candidate keeps within the box.
+        """
+        if setup.robot is None:
+            return self
+        found = check_actions(self.actions, setup)
+        if not np.any(found.mask):
+            raise InputError(f"no motion of the model keeps to this robot: {found.describe(0)}")
+        arrays = {name: getattr(self, name)[found.mask] for name in ARRAY_SHAPES}
+        return dataclasses.replace(self, model=self.model.in_lab(setup), **arrays)
+
     def plan(
         self,
         target_xy: ArrayLike | None = None,

@@ -5,7 +5,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,6 @@ from cablecast.motion.action import (
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.setup import Setup
-from cablecast.workspace import Workspace
 
 JOINT_LIMIT_KINDS = (LimitKind.POSITION, LimitKind.VELOCITY, LimitKind.ACCELERATION)
 
@@ -33,6 +32,12 @@ samples is less than 2 % higher (measured in tests/motion/test_feasibility.py)."
 # Sample points of each piece of a grip path, as shares of its duration. Both ends are included:
 # accelerations peak where the jerk switches, and jump where the radius comes to rest.
 _PARTS = np.linspace(0.0, 1.0, 5)
+# Distance beyond the table's near edge that is forgiven [m]: a sweep of 90 deg about the base ends
+# on the edge but for rounding.
+_EDGE_SLACK = 1e-5
+# Distance that the sampled gripper keeps from the box of a robot [m]: it goes up to 1 mm farther
+# between the samples.
+_BOX_MARGIN = 2e-3
 # Actions per chunk: keeps the intermediate arrays in the processor's cache.
 _CHUNK = 256
 
@@ -51,27 +56,29 @@ class LimitViolation:
 
     Attributes:
         kind: Kind of limit.
-        joint: Name of the joint; None for the reach.
+        joint: Name of the joint; None for a place.
         value: Peak value over the motion, in the unit of the kind.
         bound: Largest allowed value, or smallest where the grip comes too close to the base.
+        place: Limit of a place, and what is beyond it.
     """
 
     kind: LimitKind
     joint: str | None
     value: float
     bound: float
+    place: str = "reach: radius"
 
     @property
     def name(self) -> str:
         """Short name of the limit, e.g. `elbow velocity`."""
         kind = self.kind.name.lower()
-        return kind if self.joint is None else f"{self.joint} {kind}"
+        return self.place.partition(":")[0] if self.joint is None else f"{self.joint} {kind}"
 
     def __str__(self) -> str:
         unit = self.kind.value
         if self.joint is None:
             side = "above" if self.value > self.bound else "below"
-            return f"reach: radius {self.value:.4g} {unit} is {side} {self.bound:.4g} {unit}"
+            return f"{self.place} {self.value:.4g} {unit} is {side} {self.bound:.4g} {unit}"
         share = f"{100 * LIMIT_SHARE:g} % of the joint's limit"
         return f"{self.name} {self.value:.4g} {unit} is above {self.bound:.4g} {unit}, {share}"
 
@@ -83,18 +90,20 @@ class Feasibility:
     Attributes:
         mask: True where the arm can follow, shape [action].
         peaks: Largest angle from the middle of each joint's range [rad], speed [rad/s] and
-            acceleration [rad/s²]; NaN where the grip is out of reach, shape [action, 3, joint].
+            acceleration [rad/s²]; NaN where the gripper may not be, shape [action, 3, joint].
         bounds: Largest allowed peaks, shape [3, joint].
-        radius: Distance from the base axis with the least margin to the reach [m], shape [action].
-        radius_bound: Bound of the reach on that side [m], shape [action].
+        place: Coordinate of the gripper with the least margin [m], shape [action].
+        place_bound: Bound of the reach, the table or the robot's box there [m], shape [action].
+        place_name: That bound, and what is beyond it, shape [action].
         joint_names: Names of the joints.
     """
 
     mask: NDArray[np.bool_]
     peaks: NDArray[np.float64]
     bounds: NDArray[np.float64]
-    radius: NDArray[np.float64]
-    radius_bound: NDArray[np.float64]
+    place: NDArray[np.float64]
+    place_bound: NDArray[np.float64]
+    place_name: NDArray[np.str_]
     joint_names: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -107,13 +116,15 @@ class Feasibility:
             int(row): [] for row in np.flatnonzero(~self.mask)
         }
 
-        def add(row, kind, joint, value, bound):
-            found[int(row)].append(
-                LimitViolation(kind=kind, joint=joint, value=float(value), bound=float(bound))
+        def add(row, kind, joint, value, bound, **place):
+            violation = LimitViolation(
+                kind=kind, joint=joint, value=float(value), bound=float(bound), **place
             )
+            found[int(row)].append(violation)
 
         for row in np.flatnonzero(np.isnan(self.peaks[:, 0, 0])):
-            add(row, LimitKind.REACH, None, self.radius[row], self.radius_bound[row])
+            name = str(self.place_name[row])
+            add(row, LimitKind.REACH, None, self.place[row], self.place_bound[row], place=name)
         for row, kind, joint in np.argwhere(self.peaks > self.bounds):
             peak, bound = self.peaks[row, kind, joint], self.bounds[kind, joint]
             add(row, JOINT_LIMIT_KINDS[kind], self.joint_names[joint], peak, bound)
@@ -129,34 +140,41 @@ class Feasibility:
         return dict(collections.Counter(names).most_common())
 
 
-def check_grip_paths(grip_path: GripPath, setup: Setup, *, both_sides: bool = False) -> Feasibility:
-    """Check motions against the reach and the joint limits of the arm.
+def check_grip_paths(
+    grip_path: GripPath, setup: Setup, *, casting: bool = False, both_sides: bool = False
+) -> Feasibility:
+    """Check motions against the reach and the joint limits of the arm, and the box of its robot.
 
     Args:
         grip_path: One motion per row.
         setup: Set-up with the arm; r_max of its workspace bounds the reach too.
+        casting: Whether the gripper must stay in front of the table's near edge, beyond which a
+            cast would not lie on the table.
         both_sides: Whether to check each motion mirrored about the workspace axis too, and keep
             the worse result. The arm is not symmetric: its shoulder is offset from the base axis.
     """
     bounds = LIMIT_SHARE * setup.arm.limits.to_array()
-    peaks, radius, radius_bound = _peaks(grip_path, setup.workspace, setup.arm, both_sides)
+    peaks, place, place_bound, place_name = _peaks(grip_path, setup, casting, both_sides)
     mask = np.all(peaks <= bounds, axis=(1, 2))
     return Feasibility(
         mask=mask,
         peaks=peaks,
         bounds=bounds,
-        radius=radius,
-        radius_bound=radius_bound,
+        place=place,
+        place_bound=place_bound,
+        place_name=place_name,
         joint_names=setup.arm.joint_names,
     )
 
 
 def check_actions(actions: ArrayLike, setup: Setup, *, both_sides: bool = True) -> Feasibility:
-    """Check casting motions against the reach and the joint limits of the arm.
+    """Check casting motions against all that limits the arm: what it cannot do is not chosen.
+
+    These are its reach and its joints, the table's near edge, and the box of its robot.
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
-        setup: Arm and its limits, workspace and motion settings.
+        setup: Arm and its limits, workspace, motion settings and robot.
         both_sides: Whether the mirror image of an action must be feasible too, so that it serves
             targets on either side.
 
@@ -167,13 +185,13 @@ def check_actions(actions: ArrayLike, setup: Setup, *, both_sides: bool = True) 
     chunks = []
     for start in range(0, len(actions), _CHUNK):
         grip_path = cast_grip_paths(actions[start : start + _CHUNK], setup)
-        chunks.append(check_grip_paths(grip_path, setup, both_sides=both_sides))
+        chunks.append(check_grip_paths(grip_path, setup, casting=True, both_sides=both_sides))
     return Feasibility(
         bounds=chunks[0].bounds,
         joint_names=setup.arm.joint_names,
         **{
             name: np.concatenate([getattr(chunk, name) for chunk in chunks])
-            for name in ("mask", "peaks", "radius", "radius_bound")
+            for name in ("mask", "peaks", "place", "place_bound", "place_name")
         },
     )
 
@@ -193,8 +211,8 @@ _RANGE_TAIL = 0.02
 def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
     """Return the ranges of the motions that the arm can follow above the table.
 
-    They bound the feasible actions of a grid whose gripper stays in front of the table's near edge
-    at both ends of the second arc, without the outermost 2 % on either side of each variable.
+    They bound the feasible actions of a grid, without the outermost 2 % on either side of each
+    variable.
 
     Args:
         setup: Arm, workspace and motion settings.
@@ -212,16 +230,12 @@ def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
     box = widest
     for tail in (0.0, _RANGE_TAIL):
         grid = grid_actions(_ranges(box), _RANGE_COUNTS)
-        theta1, theta2, r2, _ = grid.T
         found = check_actions(grid, setup)
-        y_turn = np.maximum(r0, r2) * np.cos(theta1) - behind
-        y_end = r2 * np.cos(theta2) - behind
-        actions = grid[found.mask & (np.minimum(y_turn, y_end) >= workspace.y_min)]
+        actions = grid[found.mask]
         if not len(actions):
             raise InputError(
                 f"the arm can follow no motion with reset_y = {workspace.reset_y:g} m, "
-                f"r0 = {r0:g} m and v_max = {setup.motion.v_max:g} m/s: "
-                + _most_broken(found, workspace)
+                f"r0 = {r0:g} m and v_max = {setup.motion.v_max:g} m/s: " + _most_broken(found)
             )
         actions[:, 3] -= actions[:, 1]
         step = 0.0 if tail else np.diff(box, axis=1) / (np.array(_RANGE_COUNTS)[:, None] - 1)
@@ -243,11 +257,9 @@ def _ranges(box: NDArray[np.float64]) -> ActionRanges:
     )
 
 
-def _most_broken(found: Feasibility, workspace: Workspace) -> str:
+def _most_broken(found: Feasibility) -> str:
     """Return what keeps most of the actions of a grid from being feasible."""
     counts = found.counts()
-    if not counts:
-        return f"its gripper would be behind the table's near edge at y = {workspace.y_min:g} m"
     name = next(iter(counts))
     violation = next(
         violation
@@ -307,9 +319,7 @@ def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDA
     probe = check_actions(grid_actions(ranges, (7, 7, 7, 3)), setup)
     share = float(np.mean(probe.mask))
     if share == 0.0:
-        raise InputError(
-            f"the arm can follow no action with {ranges}: {_most_broken(probe, setup.workspace)}"
-        )
+        raise InputError(f"the arm can follow no action with {ranges}: {_most_broken(probe)}")
     size = count / share
     while True:
         grid = grid_actions(ranges, _grid_counts(ranges, size))
@@ -356,7 +366,7 @@ def feasible_uniform(
             return chosen[:count]
         if draw >= _UNIFORM_EMPTY_MAX and not len(chosen):
             break
-    broken = _most_broken(check_actions(actions, setup), setup.workspace)
+    broken = _most_broken(check_actions(actions, setup))
     raise InputError(
         f"the arm can follow none of {(draw + 1) * _UNIFORM_DRAWS} actions with {ranges}: {broken}"
     )
@@ -378,15 +388,16 @@ def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]
 
 
 def _peaks(
-    grip_path: GripPath, workspace: Workspace, arm: Arm, both_sides: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the peaks of every joint, and the worst radius with its bound; see `Feasibility`."""
+    grip_path: GripPath, setup: Setup, casting: bool, both_sides: bool
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return the peaks of every joint, and the worst place, its bound and its name."""
+    arm = setup.arm
     lengths = np.diff(grip_path.knots, axis=1)
     used = lengths > 0
     # A path that only holds its pose still needs one piece to sample.
     used[:, 0] = True
     starts = np.concatenate([[0], np.cumsum(used.sum(axis=1))[:-1]])
-    motion, grip_radius = _sample(arm, grip_path.coefficients[used], lengths[used])
+    motion, poses = _sample(arm, grip_path.coefficients[used], lengths[used])
     peaks = _row_peaks(motion, starts, arm)
     if both_sides:
         if motion.mirrored is None:
@@ -394,29 +405,53 @@ def _peaks(
         else:
             mirrored = motion.mirrored()
         peaks = np.maximum(peaks, _row_peaks(mirrored, starts, arm))
-    # The arm's reach is measured at the flange, the workspace's r_max at the grip. The reach is the
-    # same on both sides.
-    radius = np.full(len(grip_path), -np.inf)
-    bound, excess = np.zeros_like(radius), np.full_like(radius, -np.inf)
-    for values, limit, sign in (
-        (motion.radius, motion.radius_max, 1.0),
-        (motion.radius, motion.radius_min, -1.0),
-        (grip_radius, np.asarray(workspace.r_max), 1.0),
-    ):
+    worst, bound, excess = np.zeros((3, len(grip_path)))
+    excess[:] = -np.inf
+    names = np.full(len(grip_path), "", dtype="U32")
+    for name, values, limit, sign in _places(motion, poses, setup, casting, both_sides):
         beyond = np.maximum.reduceat(np.max(sign * (values - limit), axis=0), starts)
         worse = beyond > excess
         at_worst = np.maximum.reduceat(np.max(sign * values, axis=0), starts) * sign
         excess = np.where(worse, beyond, excess)
-        radius = np.where(worse, at_worst, radius)
+        worst = np.where(worse, at_worst, worst)
         bound = np.where(worse, at_worst - sign * beyond, bound)
+        names[worse] = name
     peaks[excess > 0] = np.nan
-    return peaks, radius, bound
+    return peaks, worst, bound, names
+
+
+def _places(
+    motion: JointMotion, poses: NDArray[np.float64], setup: Setup, casting: bool, both_sides: bool
+) -> Iterator[tuple[str, NDArray[np.float64], ArrayLike, float]]:
+    """Yield what bounds the gripper: a name, values, their limit, and 1 for a largest value."""
+    arm, workspace, robot = setup.arm, setup.workspace, setup.robot
+    # The arm's reach is measured at the flange, the workspace's r_max at the grip. The reach is the
+    # same on both sides.
+    yield "reach: radius", motion.radius, motion.radius_max, 1.0
+    yield "reach: radius", motion.radius, motion.radius_min, -1.0
+    x, y, z, yaw, pitch = np.moveaxis(poses, -1, 0)
+    yield "reach: radius", np.hypot(x, y), workspace.r_max, 1.0
+    if casting:
+        yield "table edge: y of the grip", y, workspace.y_min - _EDGE_SLACK, -1.0
+    if robot is None:
+        return
+    low, high = np.array(robot.box_low) + _BOX_MARGIN, np.array(robot.box_high) - _BOX_MARGIN
+    if both_sides:
+        low[0], high[0] = max(low[0], -high[0]), min(high[0], -low[0])
+    # The flange is behind the grip along the cable, and above it.
+    back = arm.gripper_length * np.sin(pitch) + arm.grip_offset * np.cos(pitch)
+    up = arm.gripper_length * np.cos(pitch) - arm.grip_offset * np.sin(pitch)
+    flange = (x - back * np.sin(yaw), y - back * np.cos(yaw), z + up)
+    for part, coordinates in (("grip", (x, y, z)), ("flange", flange)):
+        for axis, values in enumerate(coordinates):
+            yield f"robot box: {'xyz'[axis]} of the {part}", values, low[axis], -1.0
+            yield f"robot box: {'xyz'[axis]} of the {part}", values, high[axis], 1.0
 
 
 def _sample(
     arm: Arm, coefficients: NDArray[np.float64], lengths: NDArray[np.float64]
 ) -> tuple[JointMotion, NDArray[np.float64]]:
-    """Return joint motion and grip radius at the sample points, leading shape [part, piece]."""
+    """Return joint motion and poses at the sample points, leading shape [part, piece]."""
     powers = np.arange(DEGREE + 1)
     # Scale time by the piece's duration, and put the piece axis last: sums then run along
     # contiguous memory.
@@ -433,8 +468,7 @@ def _sample(
             basis[:, power] = factor * _PARTS ** (power - order)
         sampled = (basis @ scaled).reshape(len(_PARTS), -1, len(lengths)) / safe**order
         values.append(np.moveaxis(sampled, 1, -1))
-    grip_radius = np.hypot(values[0][..., 0], values[0][..., 1])
-    return arm.inverse_motion(*values), grip_radius
+    return arm.inverse_motion(*values), values[0]
 
 
 def _row_peaks(motion: JointMotion, starts: NDArray[np.intp], arm: Arm) -> NDArray[np.float64]:

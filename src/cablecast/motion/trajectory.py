@@ -116,7 +116,7 @@ def follow(
     Raises:
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    feasibility = check_grip_paths(grip_path, setup)
+    feasibility = check_grip_paths(grip_path, setup, casting=action is not None)
     if not feasibility.mask[0]:
         raise JointLimitError(f"the arm cannot follow {what}: {feasibility.describe(0)}")
     path = joint_path(grip_path, setup)

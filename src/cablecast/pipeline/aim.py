@@ -322,13 +322,14 @@ class _Learning:
             **shared,
         )
         progress(Progress(task="4/4 train"))
-        return train(
+        policy = train(
             simulated,
             epochs=config.epochs,
             candidate_count=config.candidate_count,
             out=None if folder is None else folder / MODEL_FOLDER,
             **shared,
         )
+        return policy.in_lab(self.setup)
 
 
 def aim(

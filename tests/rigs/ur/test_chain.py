@@ -26,10 +26,9 @@ UR10E = {
     "arm": {"base_height": 0.126},
     "workspace": {"r_max": 1.2, "reset_y": 0.76},
     "motion": {"r0": 0.76, "control_dt": 0.002},
-    "robot": {"box_low": [-1.25, -0.05, 0.0], "box_high": [1.25, 1.25, 1.5]},
+    "robot": {"box_low": [-1.25, 0.05, 0.0], "box_high": [1.25, 1.25, 1.5]},
 }
-# A coarse model may aim with a sweep of 90 deg, at whose ends the gripper is at y = 0.
-UR5 = {"robot": {"box_low": [-0.97, -0.05, 0.0], "box_high": [0.97, 0.97, 1.1]}}
+UR5 = {"robot": {"box_low": [-0.97, 0.05, 0.0], "box_high": [0.97, 0.97, 1.1]}}
 # As fast as this computer simulates; the clock waits for the client.
 TWIN = {"segment_count": 10, "rate": 10.0}
 
