@@ -6,11 +6,13 @@ import yaml
 
 from cablecast.cable import (
     CABLE_NAMES,
+    KIND_NAMES,
     PAPER_PARAMS,
     PARAMS,
     Attachment,
     Cable,
     CableParams,
+    guess_params,
     load_cable,
     save_cable,
 )
@@ -188,3 +190,43 @@ def test_parameters_of_several_cables_are_stacked_one_world_each():
     assert CableParams.from_array(both.to_array()[1]) == params(mass=0.08, damping_time=0.01)
     with pytest.raises(InputError, match="parameters for each world"):
         CableParams.stack([both, params()])
+
+
+def test_a_cable_file_needs_no_more_than_length_diameter_and_mass(tmp_path):
+    file = tmp_path / "washing_line.yaml"
+    file.write_text("length: 0.8\ndiameter: 0.004\nmass: 0.011\n")
+    cable = load_cable(file)
+    assert (cable.name, cable.params.mass, cable.params.endpoint_mass) == ("washing_line", 0.011, 0)
+    assert cable.deviations == {"bend_stiffness": 4.0}
+    assert Cable.from_dict(cable.to_dict()) == cable
+    file.write_text("length: 0.8\ndiameter: 0.004\nmass: 0.011\nparams: {bend_stiffness: 2.0e-4}\n")
+    assert load_cable(file).params.bend_stiffness == 2e-4
+    with pytest.raises(InputError, match="kind = 'snake' must be one of rope, hose, wire, chain"):
+        Cable.from_dict({"length": 0.8, "diameter": 0.004, "mass": 0.011, "kind": "snake"})
+    with pytest.raises(InputError, match=r"lacks the keys \['mass'\]"):
+        Cable.from_dict({"length": 0.8, "diameter": 0.004})
+
+
+# Numbers that are believed of these cables for other reasons than the guess's.
+KNOWN = {"cable_1": "rope", "cable_2": "rope", "cable_3": "wire"}
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_a_guess_is_within_its_deviation_of_what_is_known(name):
+    cable = load_cable(name)
+    size = (cable.length, cable.diameter, cable.params.mass)
+    params, deviations = guess_params(*size, KNOWN[name], cable.attachment)
+    for value in ("bend_stiffness", "twist_stiffness", "endpoint_mass"):
+        ratio = params[value] / getattr(cable.params, value)
+        # An attachment may be twice as far off as one deviation.
+        allowed = deviations.get(value, 5.0) ** (2 if value == "endpoint_mass" else 1)
+        assert 1 / allowed < ratio < allowed, value
+
+
+@pytest.mark.parametrize("kind", KIND_NAMES)
+def test_any_size_of_any_kind_can_be_guessed(kind):
+    for length in (0.3, 3.0):
+        for diameter in (0.001, 0.03):
+            for mass in (0.001, 1.0):
+                params, _ = guess_params(length, diameter, mass, kind, Attachment.HOOK)
+                CableParams(**params)

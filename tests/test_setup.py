@@ -67,7 +67,7 @@ def test_the_cable_of_a_lab_file_may_lie_beside_it(tmp_path):
         ("arm: {limits: {velocity: [1, 2]}}\n", "velocity limits .* must be 6 numbers"),
         ("arm: [1]\n", "arm must be a mapping"),
         ("workspace: {table_yaw_deg: 45}\n", "not a multiple of 90"),
-        ("workspace: {table_depth: 1.0}\n", "may be at most 0.4 m long"),
+        ("workspace: {table_depth: 0.7}\n", "may be at most 0.42 m long"),
         ("workspace: {reset_y: 0.95}\n", "beyond r_max"),
         ("workspace: {grip_height: 0.003}\n", "below the axis of the lying cable"),
         ("motion: {v_max: .nan}\n", "v_max = nan"),
@@ -87,7 +87,8 @@ def test_a_lab_file_that_makes_no_sense_is_refused_with_its_name(tmp_path, text,
 def test_a_cable_that_is_too_long_for_the_table_is_refused_with_the_bound():
     long = dataclasses.replace(load_cable("cable_1"), length=0.95)
     with pytest.raises(InputError, match=r"may be at most 0\.9 m long"):
-        Setup(cable=long)
+        Setup(cable=long, workspace=Workspace())
+    assert Setup(cable=long).workspace.reset_y == pytest.approx(0.54)
     deeper = Workspace(table_depth=1.6)
     assert Setup(cable=long, workspace=deeper).workspace.y_max == 1.6
 
@@ -272,3 +273,22 @@ def test_what_a_lab_file_leaves_out_follows_from_the_reset_position():
     assert Setup().workspace.support_depth == 0.466
     with pytest.raises(InputError, match=r"support_depth = 0.466 m is beyond reset_y = 0.28 m"):
         Setup.from_dict({"workspace": {"reset_y": 0.28, "support_depth": 0.466}})
+
+
+def test_what_the_file_does_not_say_follows_from_arm_table_and_cable():
+    hose = {"name": "hose", "length": 0.9, "diameter": 0.005, "mass": 0.022, "kind": "hose"}
+    small = {"table_width": 1.6, "table_depth": 1.2}
+    setup = Setup.from_dict({"cable": hose, "workspace": small, "arm": {"model": "ur5e"}})
+    # The lying cable ends 1 cm before the far edge.
+    assert setup.workspace.reset_y == setup.motion.r0 == pytest.approx(0.29)
+    assert setup.workspace.support_depth == pytest.approx(0.29)
+    thick = Setup.from_dict({"cable": {**hose, "diameter": 0.045}})
+    assert thick.workspace.grip_height == pytest.approx(0.0275)
+    long_arm = Setup(arm=ArmUR(model="ur10e"))
+    pose = [0.0, 0.9, 0.02, 0.0, 0.0]
+    reach = long_arm.arm.inverse_motion(pose, [0.0] * 5, [0.0] * 5).radius_max
+    assert long_arm.workspace.r_max == pytest.approx(reach + long_arm.arm.grip_offset, abs=0.01)
+    assert long_arm.workspace.reset_y > 0.8
+    # What the file says stays.
+    stated = Setup.from_dict({"arm": {"model": "ur10e"}, "workspace": {"r_max": 1.0}})
+    assert (stated.workspace.r_max, stated.workspace.reset_y) == (1.0, pytest.approx(0.63))

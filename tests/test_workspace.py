@@ -63,7 +63,7 @@ def test_a_workspace_survives_the_way_through_plain_values():
 def test_a_cable_must_fit_on_the_table_as_it_lies_after_a_reset():
     cable = dataclasses.replace(load_cable("cable_1"), length=1.2)
     with pytest.raises(InputError, match=r"may be at most 0\.9 m long"):
-        Setup(cable=cable)
+        Setup(cable=cable, workspace=Workspace())
     assert Setup(cable=cable, workspace=Workspace(table_yaw_deg=90.0)).cable is cable
 
 

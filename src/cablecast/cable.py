@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.conventions import GRAVITY
 from cablecast.errors import (
     InputError,
     UnknownNameError,
@@ -413,19 +414,124 @@ class Cable:
     def from_dict(cls, values: Mapping) -> "Cable":
         """Make a cable from plain values, as stored in a YAML file.
 
+        Where `mass` stands beside length and diameter, what is missing of `params` is guessed for
+        the `kind` of cable; see `guess_params`.
+
         Raises:
             InputError: A key is missing, unknown, or its value out of bounds.
         """
-        known = {field.name for field in dataclasses.fields(cls)}
-        optional = {"attachment", "attachment_length", "deviations"}
-        values = check_keys(values, known, "cable", required=known - optional)
-        params = CableParams.from_dict(values.pop("params"), "cable params")
+        known = {field.name for field in dataclasses.fields(cls)} | {"mass", "kind"}
+        values = check_keys(values, known, "cable")
+        physics = "params" if "params" in values else "mass"
+        check_keys(values, known, "cable", required={"length", "diameter", physics})
         try:
             attachment = Attachment(values.pop("attachment", "none"))
         except ValueError as error:
             choices = ", ".join(a.value for a in Attachment)
             raise InputError(f"{str(error)[:80]}: one of {choices}") from None
-        return cls(**values, attachment=attachment, params=params)
+        stated, kind = values.pop("params", {}), values.pop("kind", "rope")
+        if "mass" in values:
+            size = (values["length"], values["diameter"], values.pop("mass"))
+            params, deviations = guess_params(*size, kind, attachment)
+            stated = {**params, **check_keys(stated, set(PARAMS), "cable params")}
+            given = check_keys(values.get("deviations", {}), set(PAPER_PARAMS), "cable deviations")
+            values["deviations"] = {**deviations, **given}
+        params = CableParams.from_dict(stated, "cable params")
+        facts: dict[str, Any] = {"name": "cable", **values}
+        return cls(**facts, attachment=attachment, params=params)
+
+
+# What is guessed of a kind of cable: the lateral friction factor, the torsional over the bending
+# rigidity (an isotropic rod of Poisson's ratio 0.5, as rubber, has 2/3), and the deviation of the
+# bending rigidity.
+_KINDS = {
+    "rope": {"friction": 0.8, "twist": 1.0, "deviation": 4.0},
+    "hose": {"friction": 1.0, "twist": 2.0 / 3.0, "deviation": 3.0},
+    "wire": {"friction": 0.7, "twist": 0.8, "deviation": 5.0},
+    "chain": {"friction": 0.6, "twist": 1.0, "deviation": 5.0},
+}
+
+KIND_NAMES = tuple(_KINDS)
+"""Kinds of cable whose physics can be guessed."""
+
+# Bending rigidity of a rope over the area of its section [N]: that of the presets is 3 to 6, some
+# ten times that of free fibres (polyester, 10 GPa, 25 um: E d² / 16 = 0.4 N).
+_ROPE_STIFFNESS = 4.0
+# Young's modulus and density of silicone, rubber and soft PVC: 2 to 15 MPa, 1.1 to 1.3 kg/l
+# (makers' data sheets, Shore A 50 to 80).
+_RUBBER, _RUBBER_DENSITY = 5e6, 1200.0
+# Strands of iron or copper of 0.2 mm that slide (IEC 60228, class 5), in soft PVC.
+_METAL, _METAL_DENSITY, _STRAND, _SHEATH = 1.5e11, 8300.0, 2e-4, 1.5e7
+# A chain turns freely at its links, about two diameters apart.
+_LINK = 2.0
+# Mass of an attachment over that of its cable: the presets have 0.2 to 0.8.
+_ATTACHMENT_MASS, _ATTACHMENT_DEVIATION = 0.3, 2.0
+# Lever arms of rolling and spinning friction over the diameter: the presets have 1/14 to 1/4.
+_LEVER = 0.1
+
+
+def guess_params(
+    length: float,
+    diameter: float,
+    mass: float,
+    kind: str = "rope",
+    attachment: Attachment = Attachment.NONE,
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Guess the ten parameters of a cable of which little is known.
+
+    Args:
+        length: Length of the cable [m].
+        diameter: Outer diameter [m].
+        mass: Mass of the cable without its attachment [kg].
+        kind: One of `KIND_NAMES`. The rigidity of a rope grows with its section, that of a hose is
+            that of a rubber tube of this mass, that of a wire is that of its sliding strands and
+            its sheath, and a chain has hardly any.
+        attachment: Attachment at the free end.
+
+    Returns:
+        Parameters by name, and how far the truth may lie from the guessed ones, as
+        `Cable.deviations`.
+
+    Raises:
+        InputError: There is no such kind, or a number is out of bounds.
+    """
+    if kind not in _KINDS:
+        raise InputError(f"cable kind = {str(kind)[:40]!r} must be one of {', '.join(_KINDS)}")
+    length = check_number("cable length", length, 0.05, 5.0, "m")
+    d = check_number("cable diameter", diameter, 0.0005, 0.05, "m")
+    mass = check_number("cable mass", mass, *PARAMS["mass"].bounds, "kg")
+    facts, section, per_length = _KINDS[kind], np.pi * d**2 / 4, mass / length
+    round_moment = np.pi * d**4 / 64
+    if kind == "rope":
+        stiffness = _ROPE_STIFFNESS * section
+    elif kind == "hose":
+        wall = min(per_length / _RUBBER_DENSITY, section)
+        stiffness = _RUBBER * (round_moment - (section - wall) ** 2 / (4 * np.pi))
+    elif kind == "wire":
+        metal = min(per_length / _METAL_DENSITY, section)
+        stiffness = _METAL * metal * min(_STRAND, d) ** 2 / 16 + _SHEATH * round_moment
+    else:
+        stiffness = GRAVITY * per_length * (_LINK * d) ** 3
+    lever = min(_LEVER * d, d / 2)
+
+    def within(name: str, value: float) -> float:
+        return float(np.clip(value, *PARAMS[name].bounds))
+
+    hangs = attachment is not Attachment.NONE
+    params = {
+        "twist_stiffness": within("twist_stiffness", facts["twist"] * stiffness),
+        "bend_stiffness": within("bend_stiffness", stiffness),
+        "mass": mass,
+        "endpoint_mass": within("endpoint_mass", _ATTACHMENT_MASS * mass * hangs),
+        "lateral_friction": facts["friction"],
+        "worksurface_friction": 0.5,
+        "spinning_friction": lever,
+        "rolling_friction": lever,
+        "linear_damping": 0.1,
+        "angular_damping": 5.0,
+    }
+    deviations = {"bend_stiffness": facts["deviation"]}
+    return params, deviations | ({"endpoint_mass": _ATTACHMENT_DEVIATION} if hangs else {})
 
 
 # Lengths, diameters and attachments are the paper's (figure 3). The paper gives no material
@@ -515,7 +621,7 @@ def load_cable(name_or_path: str | os.PathLike[str]) -> Cable:
             f"unknown cable {name[:200]!r}: one of {', '.join(CABLE_NAMES)}, or a YAML file"
         )
     try:
-        return Cable.from_dict(read_yaml(path))
+        return Cable.from_dict({"name": path.stem, **read_yaml(path)})
     except UnreadableFileError:
         raise
     except InputError as error:

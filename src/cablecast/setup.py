@@ -1,12 +1,14 @@
 """Setup: cable, workspace, arm and motion settings as one object, and as one lab file."""
 
 import dataclasses
+import math
 import os
 import pathlib
 import typing
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import yaml
 
 from cablecast.arm.base import Arm
@@ -15,7 +17,7 @@ from cablecast.arm.robot import RobotConfig
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Cable, load_cable
 from cablecast.camera.settings import CameraSettings
-from cablecast.errors import InputError, UnknownNameError, check_keys, check_ranges
+from cablecast.errors import IKError, InputError, UnknownNameError, check_keys, check_ranges
 from cablecast.files import parse_yaml, read_text, read_yaml, write_text
 from cablecast.workspace import Workspace
 
@@ -26,6 +28,14 @@ SECTIONS = ("cable", "workspace", "arm", "motion")
 
 INSTRUMENTS = ("robot", "camera")
 """Sections that say how to reach what stands in the laboratory; they change no result."""
+
+
+# Distance of a reset's gripper from the base over r_max: the paper's, and the least at which the
+# elbow is not folded.
+_RESET_SHARE, _RESET_NEAREST = 0.6 / 0.94, 0.3
+# Distance of the lying cable's end from the table's far edge, and of a thick cable from the table
+# [m].
+_LYING_MARGIN, _GRIP_CLEARANCE = 0.01, 0.005
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -97,9 +107,10 @@ class Setup:
         robot: RobotConfig | None = None,
         camera: CameraSettings | None = None,
     ):
-        """Make a set-up; parts that are not given are the paper's.
+        """Make a set-up; parts that are not given are the paper's, for its arm and cable.
 
-        A cable may be given by the name of a preset, or by the path of a YAML file.
+        A cable may be given by the name of a preset, or by the path of a YAML file. A workspace
+        that is not given has the reach of the arm; see `fitting_workspace`.
 
         Raises:
             InputError: The parts do not fit together: the cable is too long for the table or too
@@ -107,10 +118,13 @@ class Setup:
             UnknownNameError: There is no such cable.
         """
         cable = cable if isinstance(cable, Cable) else load_cable(cable)
+        arm = ArmUR() if arm is None else arm
+        if workspace is None and isinstance(arm, Arm):
+            workspace = fitting_workspace(cable, arm, {})
         parts = {
             "cable": cable,
-            "workspace": Workspace() if workspace is None else workspace,
-            "arm": ArmUR() if arm is None else arm,
+            "workspace": workspace,
+            "arm": arm,
             "motion": motion,
             "robot": robot,
             "camera": camera,
@@ -193,17 +207,54 @@ class Setup:
             cable = load_cable(local if local.is_file() else cable)
         else:
             cable = Cable.from_dict(cable)
-        workspace = Workspace.from_dict(values.get("workspace", {}))
+        arm = arm_from_dict(values.get("arm", {}), folder)
+        workspace = fitting_workspace(cable, arm, values.get("workspace", {}))
         motion = check_keys(values.get("motion", {}), known, "motion")
         return cls(
             cable=cable,
             workspace=workspace,
-            arm=arm_from_dict(values.get("arm", {}), folder),
+            arm=arm,
             # The arcs are about the robot's base, unless the file says otherwise.
             motion=MotionConfig(**{"r0": workspace.reset_y, **motion}),
             robot=None if robot is None else RobotConfig.from_dict(robot),
             camera=None if camera is None else CameraSettings.from_dict(camera, folder),
         )
+
+
+def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Workspace:
+    """Return a workspace whose missing values follow from the arm, the table and the cable.
+
+    The grip lies at the paper's height, or as high above the table as a thicker cable needs. r_max
+    is what the arm reaches at that height. After a reset the gripper is at the paper's share of
+    r_max, or nearer where the cable would reach beyond the table's far edge. Where the arm holds
+    its gripper down nowhere, they are the paper's.
+
+    Args:
+        cable: Cable.
+        arm: Arm.
+        given: Values that are known, by name.
+
+    Raises:
+        InputError: A key is unknown, or a value out of bounds.
+    """
+    known = Workspace.from_dict(given)
+    found: dict[str, float] = {}
+    if "grip_height" not in given:
+        found["grip_height"] = max(known.grip_height, cable.radius + _GRIP_CLEARANCE)
+    if "r_max" not in given:
+        pose = np.array([0.0, known.reset_y, {**found, **given}["grip_height"], 0.0, 0.0])
+        try:
+            reach = float(arm.inverse_motion(pose, 0.0 * pose, 0.0 * pose).radius_max)
+            found["r_max"] = min(math.floor(100 * (reach + arm.grip_offset)) / 100, 2.0)
+        except IKError:
+            pass
+    if "reset_y" not in given:
+        r_max = {"r_max": known.r_max, **found, **given}["r_max"]
+        far = known.y_max - cable.length - _LYING_MARGIN
+        near = max(known.y_min, _RESET_NEAREST * r_max)
+        ahead = min(_RESET_SHARE * r_max, max(far, near))
+        found["reset_y"] = math.floor(100 * ahead + 1e-6) / 100
+    return Workspace.from_dict({**found, **given})
 
 
 def load_setup(path: str | os.PathLike[str]) -> Setup:

@@ -6,6 +6,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -422,7 +423,7 @@ def _peaks(
 
 def _places(
     motion: JointMotion, poses: NDArray[np.float64], setup: Setup, casting: bool, both_sides: bool
-) -> Iterator[tuple[str, NDArray[np.float64], ArrayLike, float]]:
+) -> Iterator[tuple[str, NDArray[np.float64], Any, float]]:
     """Yield what bounds the gripper: a name, values, their limit, and 1 for a largest value."""
     arm, workspace, robot = setup.arm, setup.workspace, setup.robot
     # The arm's reach is measured at the flange, the workspace's r_max at the grip. The reach is the
