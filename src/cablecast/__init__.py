@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cablecast.motion.action import Action
     from cablecast.motion.trajectory import Trajectory, plan_trajectory
     from cablecast.pipeline.aim import aim, prepare_aim
+    from cablecast.pipeline.check import check
     from cablecast.pipeline.collect import collect
     from cablecast.pipeline.evaluate import evaluate
     from cablecast.pipeline.plan import plan_motion
@@ -58,6 +59,7 @@ _HOMES = {
     "cablecast.motion.action": ("Action",),
     "cablecast.motion.trajectory": ("Trajectory", "plan_trajectory"),
     "cablecast.pipeline.aim": ("aim", "prepare_aim"),
+    "cablecast.pipeline.check": ("check",),
     "cablecast.pipeline.collect": ("collect",),
     "cablecast.pipeline.evaluate": ("evaluate",),
     "cablecast.pipeline.plan": ("plan_motion",),
@@ -109,6 +111,7 @@ __all__ = [
     "Workspace",
     "__version__",
     "aim",
+    "check",
     "collect",
     "evaluate",
     "load_cable",

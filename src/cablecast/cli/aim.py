@@ -12,9 +12,13 @@ from cablecast.cli.options import CableName, LabFile, RigName, TimeLimit, argume
 from cablecast.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from cablecast.aiming.session import AimSession
     from cablecast.cast import Cast, Proposal
     from cablecast.pipeline.aim import AimResult
+    from cablecast.setup import Setup
 
 EXIT_MISSED = 3
 
@@ -68,6 +72,7 @@ class Aim(AimConfig, _Targets):
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.aim import (
             REPORT_FOLDER,
+            SESSION_FOLDER,
             aim,
             check_aim,
             prepare_aim,
@@ -90,6 +95,9 @@ class Aim(AimConfig, _Targets):
         # The paper's errors are those of all its targets.
         config = dataclasses.replace(AimConfig.of(self), anyway=self.anyway or self.paper_targets)
         check_aim(config, out)
+        # What is fitted to casts tells more than what is believed of the cable.
+        known_fit = self.params is not None or (out / SESSION_FOLDER).exists()
+        targets, outside = _within_reach(setup, targets, anyway=config.anyway or known_fit)
         casts = None if self.casts is None else read_dataset(self.casts)
         tuned = None if self.params is None else load_tuned(self.params, setup)
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
@@ -129,9 +137,43 @@ class Aim(AimConfig, _Targets):
             from cablecast.evaluation.published import published_rows
 
             print_table(evaluation.metrics, published_rows(name))
+        for line in outside:
+            print(line)
         if evaluation is not None:
             print(f"report   {out / REPORT_FOLDER / 'report.html'}")
-        return 0 if result.hit.all() else EXIT_MISSED
+        return 0 if result.hit.all() and not outside else EXIT_MISSED
+
+
+def _within_reach(
+    setup: "Setup", targets: "NDArray[np.float64]", *, anyway: bool
+) -> "tuple[NDArray[np.float64], list[str]]":
+    """Return the targets to cast at, and a line for each that no believed cable reaches.
+
+    Raises:
+        InputError: None of them is reached, and it was not said to cast anyway.
+    """
+    from cablecast.cli.options import polar_text
+    from cablecast.cli.progress import console_progress
+    from cablecast.pipeline.check import check
+
+    if anyway:
+        return targets, []
+    found = check(setup, changes=False)
+    print(f"check     {found.summary}", flush=True)
+    beyond = [found.is_out_of_reach(target) for target in targets]
+    lines = [
+        f"{polar_text(target)}: not cast at: {found.words_at(target)} (--anyway casts all the same)"
+        for target, is_beyond in zip(targets, beyond, strict=True)
+        if is_beyond
+    ]
+    for line in lines:
+        print(line, flush=True)
+    if all(beyond):
+        with console_progress() as progress:
+            changes = check(setup, progress=progress).changes
+        better = "; ".join(str(change) for change in changes) or "nothing that was tried helps"
+        raise InputError(f"no target is within reach. Simulated casts reach more with: {better}")
+    return targets[[not is_beyond for is_beyond in beyond]], lines
 
 
 def refit_and_say(session: "AimSession", reason: str) -> None:

@@ -14,6 +14,7 @@ import cablecast
 from cablecast.cli.aim import Aim
 from cablecast.cli.calibrate import Calibrate
 from cablecast.cli.camera import CameraVerb
+from cablecast.cli.check import Check
 from cablecast.cli.collect import Collect
 from cablecast.cli.evaluate import Evaluate
 from cablecast.cli.export import Export
@@ -62,6 +63,7 @@ repeats every experiment of the paper.
 """
 
 VERBS: dict[str, type] = {
+    "check": Check,
     "aim": Aim,
     "collect": Collect,
     "import": Import,

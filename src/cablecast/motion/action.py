@@ -184,6 +184,10 @@ class ActionRanges:
                 f"most {PSI_MAX:.4g} rad"
             )
 
+    def to_array(self) -> NDArray[np.float64]:
+        """Return the ends of the ranges of theta1, theta2, r2 and the wrist turn, shape [4, 2]."""
+        return np.array([self.theta1, self.theta2, self.r2, self.wrist])
+
     def __str__(self) -> str:
         low, high = np.degrees([self.theta1, self.theta2, self.wrist]).T
         return (

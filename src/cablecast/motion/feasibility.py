@@ -222,12 +222,7 @@ def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
     Raises:
         InputError: The arm can follow no such motion; the error names the limits that forbid it.
     """
-    workspace, r0 = setup.workspace, setup.motion.r0
-    # The polar origin lies behind the base, or in front of it where this is negative.
-    behind = r0 - workspace.reset_y
-    low = max(R2_BOUNDS[0], _FOLDED * workspace.r_max + behind)
-    high = workspace.r_max + abs(behind)
-    widest = np.array([(-_SWEEP[1], -_SWEEP[0]), _SWEEP, (low, max(low, high)), (0.0, _TURN)])
+    widest = widest_ranges(setup).to_array()
     box = widest
     for tail in (0.0, _RANGE_TAIL):
         grid = grid_actions(_ranges(box), _RANGE_COUNTS)
@@ -235,8 +230,9 @@ def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
         actions = grid[found.mask]
         if not len(actions):
             raise InputError(
-                f"the arm can follow no motion with reset_y = {workspace.reset_y:g} m, "
-                f"r0 = {r0:g} m and v_max = {setup.motion.v_max:g} m/s: " + _most_broken(found)
+                f"the arm can follow no motion with reset_y = {setup.workspace.reset_y:g} m, "
+                f"r0 = {setup.motion.r0:g} m and v_max = {setup.motion.v_max:g} m/s: "
+                + _most_broken(found)
             )
         actions[:, 3] -= actions[:, 1]
         step = 0.0 if tail else np.diff(box, axis=1) / (np.array(_RANGE_COUNTS)[:, None] - 1)
@@ -245,6 +241,18 @@ def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
     if not with_psi:
         box[3] = 0.0
     return _ranges(box)
+
+
+def widest_ranges(setup: Setup) -> ActionRanges:
+    """Return the ranges beyond which no motion is looked for: to where the arm folds or ends."""
+    workspace, r0 = setup.workspace, setup.motion.r0
+    # The polar origin lies behind the base, or in front of it where this is negative.
+    behind = r0 - workspace.reset_y
+    low = max(R2_BOUNDS[0], _FOLDED * workspace.r_max + behind)
+    high = workspace.r_max + abs(behind)
+    return _ranges(
+        np.array([(-_SWEEP[1], -_SWEEP[0]), _SWEEP, (low, max(low, high)), (0.0, _TURN)])
+    )
 
 
 def _ranges(box: NDArray[np.float64]) -> ActionRanges:
@@ -355,7 +363,7 @@ def feasible_uniform(
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
     ranges = ranges or feasible_ranges(setup)
-    bounds = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
+    bounds = ranges.to_array()
     rng = np.random.default_rng(seed)
     chosen = np.empty((0, 4))
     for draw in itertools.count():

@@ -20,10 +20,11 @@ from cablecast.engines import make_engine
 from cablecast.errors import DatasetError, InputError, check_count, check_seed
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_ranges
+from cablecast.pipeline.check import check
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import Claim, record_run
-from cablecast.runs.progress import ProgressCallback, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.spread import spread_actions
@@ -72,10 +73,14 @@ def collect(
     """
     check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
     setup = rig.setup
+    found = check(setup, changes=False)
+    progress(Progress(task=f"Checking {setup.cable.name}", note=found.summary))
     how = sampling or SAMPLINGS[purpose]
     ranges = feasible_ranges(setup, psi)
     given = None
     if how == "spread":
+        if not found.reaches_anything:
+            raise InputError(check(setup).refusal())
         given = choose_actions(how, purpose, count, setup, ranges, seed)
     with folder_or_temporary(out) as folder:
         dataset = collect_dataset(

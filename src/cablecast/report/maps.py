@@ -31,6 +31,7 @@ from cablecast.report.style import (
     workspace_panels,
     workspace_view,
 )
+from cablecast.setup import Setup
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.workspace import Workspace
 
@@ -313,6 +314,32 @@ def coverage_figure(
                 name = "" if part else label
                 axes.plot(*xy.T, color=color, linewidth=1.3, zorder=3, label=name)
         axes.legend(loc="upper right", fontsize=7.5, handlelength=1.2, borderaxespad=0.0)
+    return figure
+
+
+@styled()
+def reach_map(
+    setup: Setup, places: NDArray[np.float64], chances: NDArray[np.float64], cell: float
+) -> "Figure":
+    """Draw the share of the believed cables whose casts reach each place of the table.
+
+    Places are the middles of squares of a width [m], shape [place, 2].
+    """
+    workspace = setup.workspace
+    reach = workspace.reach(setup.cable.length)
+    view = workspace_view(workspace, margin=0.1, radius=reach)
+    figure, (axes,) = workspace_panels(workspace, view, below=0.5, beside=0.9)
+    scale = color_scale("Blues", 0.0, 0.85, 100.0)
+    x, y = (np.unique(places[:, axis]) for axis in (0, 1))
+    edges = [np.append(values - cell / 2, values[-1] + cell / 2) for values in (x, y)]
+    share = 100.0 * chances.reshape(len(y), len(x))
+    axes.pcolormesh(*edges, share, cmap=scale.cmap, norm=scale.norm, zorder=0.7, rasterized=True)
+    _draw_reach(axes, workspace, reach)
+    rest = np.array([workspace.reset_y, workspace.reset_y + setup.cable.length])
+    axes.plot([0.0, 0.0], rest, color=VERMILLION, linewidth=1.6, zorder=3)
+    annotate(axes, "cable after a reset", (0.0, rest.mean()), (5, 0), color=VERMILLION, fontsize=8)
+    label = "believed cables whose casts reach a place [%]"
+    draw_color_bar(figure, axes, scale, label, shrink=0.6, aspect=26, pad=0.01)
     return figure
 
 

@@ -13,6 +13,7 @@ DATASET_FOLDER = "dataset"
 MODEL_FOLDER = "model"
 AIM_FOLDER = "aim"
 SELECT_FOLDER = "select"
+CHECK_FOLDER = "check"
 
 
 def cable_folder(cable_name: str) -> pathlib.Path:

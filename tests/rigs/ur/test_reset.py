@@ -49,7 +49,7 @@ def test_an_arm_that_is_wound_up_or_folded_otherwise_is_left_to_a_person(setup, 
 
 def test_a_way_that_would_touch_something_is_refused_before_anything_moves(setup, home):
     low = dataclasses.replace(setup.robot, box_high=(0.97, 0.97, 0.5))
-    with pytest.raises(JointLimitError, match="outside the box"):
+    with pytest.raises(JointLimitError, match="robot box: z of the flange"):
         reset_motions(home, dataclasses.replace(setup, robot=low))
 
 

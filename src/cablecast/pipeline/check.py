@@ -1,0 +1,411 @@
+"""check: which part of the table casts of a cable can reach, what limits it, and what helps."""
+
+import dataclasses
+import functools
+import os
+import pathlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cablecast.conventions import mirror_xy, xy_to_polar
+from cablecast.engines import make_engine
+from cablecast.engines.dynamics import Dynamics
+from cablecast.errors import InputError, check_seed
+from cablecast.evaluation.coverage import R0_CHOICES
+from cablecast.files import write_bytes
+from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.feasibility import (
+    Feasibility,
+    check_actions,
+    feasible_uniform,
+    widest_ranges,
+)
+from cablecast.pipeline.places import require
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.setup import Setup
+from cablecast.tuning.ensemble import believed_ensemble
+
+Array = NDArray[np.float64]
+
+PICTURE_FILE = "check.png"
+"""Picture of the places that casts reach."""
+
+NEAR = 0.08
+"""A place counts as reached if one of 400 simulated casts comes to rest within this distance [m].
+Between these casts there are others: of three tables they mark 55, 58 and 66 %, where 3,000 casts
+mark 53, 53 and 65 % within 3 cm."""
+DOUBT_SHARE = 0.1
+"""Share of the cable's length by which a landing of the true cable may lie beyond those of all
+believed ones [-]."""
+
+# Casts of each believed cable, and of each change that is tried.
+_CAST_COUNT, _TRIED_COUNT, _DRAWS = 400, 200, 4
+_SEGMENT_COUNT, _DT, _SAMPLE_DT = 20, 2e-3, 0.05
+# Width of the squares of the table that are counted [m].
+_CELL = 0.04
+# A change is named if it reaches so many times as much of the table, and so much more of it.
+_BETTER, _BETTER_BY = 1.15, 0.03
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Change:
+    """A change of the laboratory that was tried in simulation.
+
+    Attributes:
+        kind: Key that changes, or property of the cable.
+        what: What changes, in the words of the lab file.
+        reason: What is wrong without it; empty where nothing is.
+        setup: Set-up with the change.
+        share: Share of the table that casts of the believed cable reach then [-].
+        before: That share without the change, by equally many casts [-].
+    """
+
+    kind: str
+    what: str
+    reason: str
+    setup: Setup
+    share: float
+    before: float
+
+    def __str__(self) -> str:
+        gain = f"{100 * self.share:.0f} % of the table instead of {100 * self.before:.0f} %"
+        return f"{self.what}: {gain}" + f" ({self.reason})" * bool(self.reason)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class LabCheck:
+    """What casts of a cable can reach in a laboratory, before any real cast.
+
+    Attributes:
+        setup: Set-up that was checked.
+        landing_xy: Landings of simulated casts of each believed cable, to both sides [m], shape
+            [cable, cast, 2]. The first cable is the most likely one; NaN where the free end passes
+            an edge of the table, or the simulation broke off.
+        leaving_xy: Landings of the casts of the most likely cable that pass an edge [m], shape
+            [cast, 2].
+        followed: Share of the drawn motions that the arm can follow in front of the table [-].
+        broken: Limit that most of the others break; empty where it follows all.
+        changes: Changes that reach more, the best first.
+    """
+
+    setup: Setup
+    landing_xy: Array
+    leaving_xy: Array
+    followed: float = 1.0
+    broken: str = ""
+    changes: tuple[Change, ...] = ()
+
+    @functools.cached_property
+    def places(self) -> Array:
+        """Middles of the squares of the table [m], shape [place, 2]."""
+        workspace = self.setup.workspace
+        x = np.arange(-workspace.half_width + _CELL / 2, workspace.half_width, _CELL)
+        y = np.arange(workspace.y_min + _CELL / 2, workspace.y_max, _CELL)
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+    @functools.cached_property
+    def chances(self) -> Array:
+        """Share of the believed cables whose casts reach each place [-], shape [place]."""
+        return self.chance(self.places)
+
+    def chance(self, xy: ArrayLike) -> Array:
+        """Return the share of the believed cables whose casts reach places [m], shape [..., 2]."""
+        return np.mean([_distance(xy, landed) <= NEAR for landed in self.landing_xy], axis=0)
+
+    def nearest(self, xy: ArrayLike) -> Array:
+        """Return the landing of any believed cable that is nearest to a place [m], shape [2]."""
+        landed = self.landing_xy.reshape(-1, 2)
+        gap = np.linalg.norm(landed - np.asarray(xy, dtype=float), axis=1)
+        return landed[np.nanargmin(gap)]
+
+    def is_out_of_reach(self, xy: ArrayLike) -> bool:
+        """Return whether a place [m], shape [2], is beyond what any believed cable can reach."""
+        if not self.reaches_anything:
+            return True
+        gap = float(np.linalg.norm(self.nearest(xy) - np.asarray(xy, dtype=float)))
+        return gap > NEAR + DOUBT_SHARE * self.setup.cable.length
+
+    def words_at(self, xy: ArrayLike) -> str:
+        """Return whether casts reach a place [m], shape [2], in words, and the nearest landing."""
+        xy = np.asarray(xy, dtype=float)
+        if not self.reaches_anything:
+            return "no simulated cast stays on the table"
+        count = len(self.landing_xy)
+        reached = round(float(self.chance(xy)) * count)
+        if reached:
+            return f"simulated casts land there with {reached} of {count} believed cables"
+        near = self.nearest(xy)
+        r, theta = xy_to_polar(near)
+        gap = float(np.linalg.norm(near - xy))
+        return (
+            "no simulated cast of what this cable may be lands there: the nearest is r = "
+            f"{r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * gap:.0f} cm beside it"
+        )
+
+    @property
+    def reaches_anything(self) -> bool:
+        """Whether a cast of any believed cable comes to rest on the table."""
+        return bool(np.isfinite(self.landing_xy).any())
+
+    @functools.cached_property
+    def shares(self) -> Array:
+        """Share of the table that the casts of each believed cable reach [-], shape [cable]."""
+        return np.array([_reached(self.places, landed) for landed in self.landing_xy])
+
+    @property
+    def summary(self) -> str:
+        """One line: how much of the table is reached, and how sure that is."""
+        name, low, high = self.setup.cable.name, self.shares.min(), self.shares.max()
+        return (
+            f"casts of {name} reach {100 * self.shares[0]:.0f} % of the table, {100 * low:.0f} to "
+            f"{100 * high:.0f} % by what the cable may be"
+        )
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What keeps casts of the most likely cable from the rest of the table, by its share."""
+        workspace, cable = self.setup.workspace, self.setup.cable
+        left = _distance(self.places, self.landing_xy[0]) > NEAR
+        far = np.linalg.norm(self.places, axis=1) > workspace.reach(cable.length)
+        edge = ~far & (_distance(self.places, self.leaving_xy) <= NEAR)
+        words = (
+            (far, f"is beyond arm and cable, {workspace.reach(cable.length):.2f} m from the base"),
+            (edge, f"is where only casts end that pass the table's {self._passed_edge()} edge"),
+            (~far & ~edge, "is between and beside where casts of this arm and cable end"),
+        )
+        rows = [(float(np.mean(left & mask)), text) for mask, text in words]
+        lines = [
+            f"{100 * share:.0f} % of the table {text}"
+            for share, text in sorted(rows, reverse=True)
+            if share >= 0.01
+        ]
+        if self.broken:
+            lines.append(
+                f"the arm can follow {100 * self.followed:.0f} % of the motions that were drawn; "
+                f"most others break the limit of its {self.broken}"
+            )
+        return tuple(lines)
+
+    def _passed_edge(self) -> str:
+        workspace, xy = self.setup.workspace, self.leaving_xy
+        beyond = {
+            "far": xy[:, 1] - workspace.y_max,
+            "near": workspace.y_min - xy[:, 1],
+            "left or right": np.abs(xy[:, 0]) - workspace.half_width,
+        }
+        worst = np.argmax(np.stack(list(beyond.values())), axis=0)
+        return list(beyond)[int(np.bincount(worst, minlength=3).argmax())] if len(xy) else "far"
+
+    def refusal(self) -> str:
+        """Return why no cast is worth making, and what would change that."""
+        reasons = "; ".join(self.limits)
+        better = "; ".join(str(change) for change in self.changes) or "nothing that was tried helps"
+        return f"no cast of {self.setup.cable.name} stays on the table: {reasons}. Try {better}"
+
+
+def check(
+    setup: Setup,
+    *,
+    changes: bool = True,
+    out: str | os.PathLike[str] | None = None,
+    seed: int = 0,
+    progress: ProgressCallback = ignore,
+) -> LabCheck:
+    """Check what casts of a cable can reach in a laboratory, in seconds and before any real cast.
+
+    Casts that the arm can follow are drawn and simulated, with the most likely cable and with
+    others that it may be as well, by the deviations of its file. Then changes of the laboratory are
+    tried: each is simulated, too.
+
+    Args:
+        setup: Cable, workspace, arm and motion settings.
+        changes: Whether to try changes of the laboratory.
+        out: Folder for a picture; none is drawn where None.
+        seed: Seed of casts and cables.
+        progress: Receives the number of changes tried.
+
+    Raises:
+        InputError: The arm can follow no cast; the error names the limit, and what helps.
+        MissingExtraError: A picture is asked for, and matplotlib is missing.
+    """
+    check_seed(seed)
+    if out is not None:
+        require("the picture of check", "matplotlib")
+    try:
+        found = _believed(setup, seed)
+    except InputError as error:
+        helped = _try_changes(setup, 0.0, seed, progress) if changes else ()
+        better = "; ".join(str(change) for change in helped) or "nothing that was tried helps"
+        raise InputError(f"{error}. Try {better}" if changes else str(error)) from None
+    if changes:
+        before = _reached(found.places, found.landing_xy[0][: 2 * _TRIED_COUNT])
+        helped = _try_changes(setup, before, seed, progress)
+        found = dataclasses.replace(found, changes=helped)
+    if out is not None:
+        from cablecast.report.maps import reach_map
+        from cablecast.report.style import png_bytes
+
+        figure = reach_map(setup, found.places, found.chances, _CELL)
+        write_bytes(pathlib.Path(out) / PICTURE_FILE, png_bytes(figure))
+    return found
+
+
+# The verbs that check a laboratory follow each other in one process.
+@functools.lru_cache(maxsize=8)
+def _believed(setup: Setup, seed: int) -> LabCheck:
+    """Simulate casts of what the cable may be."""
+    engine = make_engine("warp", _SEGMENT_COUNT, _DT)
+    # Materials shift landings, but hardly what is reached, and need a kernel of their own, which
+    # compiles for half a minute.
+    members = tuple(
+        member.with_params(member.params.without_material())
+        for member in believed_ensemble(setup.cable, engine, seed).members
+    )
+    actions, drawn = _draw(setup, _CAST_COUNT, seed)
+    tracks = _tracks(setup, members, actions)
+    landed, left = zip(*(_landings(setup, xy) for xy in tracks), strict=True)
+    return LabCheck(
+        setup=setup,
+        landing_xy=np.array(landed),
+        leaving_xy=left[0],
+        followed=float(drawn.mask.mean()),
+        broken=next(iter(drawn.counts()), ""),
+    )
+
+
+def _draw(setup: Setup, count: int, seed: int) -> tuple[Array, Feasibility]:
+    """Return at most `count` actions that the arm can follow, and the check of all that were drawn.
+
+    Where it can follow few of them, drawing until there are enough would take minutes.
+
+    Raises:
+        InputError: It can follow none; the error names the limit.
+    """
+    box = widest_ranges(setup).to_array()
+    drawn = np.random.default_rng([seed, 3]).uniform(box[:, 0], box[:, 1], (_DRAWS * count, 4))
+    drawn[:, 3] += drawn[:, 1]
+    found = check_actions(drawn, setup)
+    actions = drawn[found.mask][:count]
+    return (actions if len(actions) else feasible_uniform(1, setup, seed=seed)), found
+
+
+def _tracks(setup: Setup, members: tuple[Dynamics, ...], actions: Array) -> Array:
+    """Return how the free end moves in each cast of each cable [m], [cable, cast, sample, 2]."""
+    count, kinds = len(actions), len(members)
+    paths = cast_grip_paths(actions, setup)[np.repeat(np.arange(count), kinds)]
+    dynamics = Dynamics.stack(members)
+    dynamics = dynamics if kinds == 1 else dynamics.rows(np.tile(np.arange(kinds), count))
+    engine = make_engine("warp", _SEGMENT_COUNT, _DT)
+    xy = dynamics.rollout(engine, setup, paths, sample_dt=_SAMPLE_DT).endpoint_xy
+    return np.swapaxes(xy.reshape(count, kinds, *xy.shape[1:]), 0, 1)
+
+
+def _landings(setup: Setup, xy: Array) -> tuple[Array, Array]:
+    """Return the landings to both sides, NaN where the free end passes an edge, and those others.
+
+    Args:
+        setup: Gives the table.
+        xy: Tracks of the free end [m], shape [cast, sample, 2].
+    """
+    passes = np.any(setup.workspace.edge_distance(xy) < 0.0, axis=1)
+    end = xy[:, -1]
+    stays = np.where((passes | ~np.isfinite(xy).all(axis=(1, 2)))[:, None], np.nan, end)
+    both = np.stack([stays, mirror_xy(stays)], axis=1).reshape(-1, 2)
+    left = end[passes & np.isfinite(end).all(axis=1)]
+    return both, np.concatenate([left, mirror_xy(left)])
+
+
+def _reached(places: Array, landed: Array) -> float:
+    return float(np.mean(_distance(places, landed) <= NEAR))
+
+
+def _distance(xy: ArrayLike, landed: Array) -> Array:
+    """Return the distance from places to the nearest of some landings, infinite without any."""
+    from scipy.spatial import KDTree
+
+    landed = landed[np.isfinite(landed).all(axis=1)]
+    if not len(landed):
+        return np.full(np.shape(xy)[:-1], np.inf)
+    return KDTree(landed).query(np.asarray(xy, dtype=float))[0]
+
+
+def _try_changes(
+    setup: Setup, before: float, seed: int, progress: ProgressCallback
+) -> tuple[Change, ...]:
+    """Return the best change of each kind of those that reach clearly more."""
+    best: dict[str, Change] = {}
+    rows = list(_possible(setup))
+    for done, (kind, what, reason, make) in enumerate(rows):
+        progress(Progress(task="Trying changes", done=done, total=len(rows), unit="changes"))
+        try:
+            changed = make()
+            actions, _ = _draw(changed, _TRIED_COUNT, seed)
+            tracks = _tracks(changed, (Dynamics.of(None, changed),), actions)
+        except InputError:
+            continue
+        landed, left = _landings(changed, tracks[0])
+        tried = LabCheck(setup=changed, landing_xy=landed[None], leaving_xy=left)
+        share = float(tried.shares[0])
+        change = Change(
+            kind=kind, what=what, reason=reason, setup=changed, share=share, before=before
+        )
+        clearly = change.share >= max(_BETTER * before, before + _BETTER_BY)
+        if clearly and (kind not in best or change.share > best[kind].share):
+            best[kind] = change
+    return tuple(sorted(best.values(), key=lambda change: -change.share))
+
+
+def _possible(setup: Setup) -> Iterator[tuple[str, str, str, Callable[[], Setup]]]:
+    """Yield changes: a kind, what changes, what that says of the laboratory, and who makes it."""
+    workspace, motion, cable = setup.workspace, setup.motion, setup.cable
+
+    def moved(**values: Any) -> Callable[[], Setup]:
+        return lambda: setup.with_motion(**values)
+
+    def placed(r0: float = motion.r0, **values: Any) -> Callable[[], Setup]:
+        def make() -> Setup:
+            support = min(workspace.support_depth, values.get("reset_y", workspace.reset_y))
+            table = dataclasses.replace(workspace, **{"support_depth": support, **values})
+            return dataclasses.replace(setup.with_motion(r0=r0), workspace=table)
+
+        return make
+
+    def held(length: float = cable.length, **values: float) -> Callable[[], Setup]:
+        params = dataclasses.replace(cable.params, **values)
+        changed = dataclasses.replace(cable, length=length, params=params)
+        return lambda: dataclasses.replace(setup, cable=changed)
+
+    for r0 in sorted({*R0_CHOICES, round(workspace.reset_y, 3)} - {motion.r0}):
+        yield "r0", f"r0 = {r0:g} m", "", moved(r0=r0)
+    for factor in (0.6, 0.8, 1.25, 1.5):
+        v_max = round(factor * motion.v_max, 2)
+        reason = f"casts at {motion.v_max:g} m/s are too fast"
+        reason = reason if factor < 1 else "faster casts reach farther, and scatter more"
+        yield "v_max", f"v_max = {v_max:g} m/s", reason, moved(v_max=v_max)
+    for factor in (0.1, 0.4):
+        jerk = round(factor * motion.jerk, 1)
+        reason = f"the arm cannot follow a jerk of {motion.jerk:g} m/s³"
+        yield "jerk", f"jerk = {jerk:g} m/s³", reason, moved(jerk=jerk)
+    about_base = motion.r0 == workspace.reset_y
+    for step in (-0.2, -0.1, 0.1, 0.2):
+        reset_y = round(workspace.reset_y + step, 3)
+        values: dict[str, Any] = {"reset_y": reset_y} | ({"r0": reset_y} if about_base else {})
+        yield "reset_y", f"reset_y = {reset_y:g} m", "", placed(**values)
+    turned = {"table_yaw_deg": (workspace.table_yaw_deg + 90.0) % 180.0}
+    yield "table", f"table_yaw_deg = {turned['table_yaw_deg']:g} deg", "", placed(**turned)
+    for step in (-0.2, 0.2):
+        near = round(workspace.table_near_y + step, 3)
+        yield "table", f"table_near_y = {near:g} m", "", placed(table_near_y=near)
+    for factor in (0.7, 1.3):
+        length = round(factor * cable.length, 3)
+        reason = f"the cable is too {'long' if factor < 1 else 'short'}"
+        mass = factor * float(cable.params.mass)
+        yield "length", f"a cable of {length:g} m", reason, held(length=length, mass=mass)
+    mass = 3.0 * float(cable.params.mass)
+    yield "mass", f"a cable of {1000 * mass:.3g} g", "the cable is too light", held(mass=mass)
+    soft = 0.1 * float(cable.params.bend_stiffness)
+    reason = "the cable is too stiff"
+    yield "stiffness", f"bend_stiffness = {soft:.2g} N·m²", reason, held(bend_stiffness=soft)

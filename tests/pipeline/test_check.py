@@ -1,0 +1,75 @@
+"""What casts can reach is said before any is made, with what limits it and what helps."""
+
+import numpy as np
+import pytest
+
+import cablecast as cc
+from cablecast.cli.main import main
+from cablecast.engines.dynamics import Dynamics
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.feasibility import feasible_uniform
+
+HOSE = {"name": "hose", "length": 0.9, "diameter": 0.005, "mass": 0.022, "kind": "hose"}
+SMALL = {"table_width": 1.6, "table_depth": 1.2}
+
+
+@pytest.fixture(scope="module")
+def checked():
+    return cc.check(cc.Setup())
+
+
+def test_places_that_are_called_reached_are_those_where_other_casts_land(checked):
+    setup = cc.Setup()
+    # Another engine's resolution, other casts.
+    paths = cast_grip_paths(feasible_uniform(600, setup, seed=7), setup)
+    engine = EngineWarp(segment_count=28, dt=1e-3)
+    xy = Dynamics.of(None, setup).rollout(engine, setup, paths).endpoint_xy
+    landed = xy[(setup.workspace.edge_distance(xy) > 0.0).all(axis=1), -1]
+    reached = checked.chance(landed) > 0
+    assert reached.mean() > 0.97
+    assert not any(checked.is_out_of_reach(place) for place in landed)
+
+
+def test_what_nothing_reaches_is_named_with_the_nearest_landing(checked):
+    behind = np.array([0.0, 0.1])
+    assert checked.is_out_of_reach(behind)
+    assert "the nearest is r = " in checked.words_at(behind)
+    assert not checked.is_out_of_reach([0.0, 1.1])
+    assert "6 of 6 believed cables" in checked.words_at([0.0, 1.1])
+    assert any("beyond arm and cable, 1.56 m" in limit for limit in checked.limits)
+
+
+def test_a_change_that_is_named_reaches_more_of_the_table(checked):
+    assert checked.changes
+    for change in checked.changes:
+        other = cc.check(change.setup, changes=False)
+        assert other.shares[0] > checked.shares[0], str(change)
+
+
+def test_a_cable_of_which_little_is_known_is_less_sure(checked):
+    cable = {"name": "line", "length": 0.62, "diameter": 0.011, "mass": 0.05}
+    guessed = cc.check(cc.Setup.from_dict({"cable": cable}), changes=False)
+    sure = {name: 1.01 for name in ("bend_stiffness", "twist_stiffness", "mass")}
+    known = cc.check(cc.Setup.from_dict({"cable": {**cable, "deviations": sure}}), changes=False)
+    assert np.ptp(guessed.shares) > np.ptp(known.shares)
+
+
+def test_an_arm_that_can_follow_nothing_hears_what_would_help():
+    jerky = cc.Setup().with_motion(jerk=400.0)
+    with pytest.raises(cc.CablecastError, match=r"break its .* Try jerk = 40 m/s³: .* instead"):
+        cc.check(jerky)
+
+
+def test_the_verb_prints_what_is_reached_and_draws_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    lab = tmp_path / "lab.yaml"
+    lab.write_text(
+        "cable: {length: 0.9, diameter: 0.005, mass: 0.022, kind: hose}\n"
+        "workspace: {table_width: 1.6, table_depth: 1.2}\narm: {model: ur5e}\n"
+    )
+    assert main(["check", "--setup", str(lab), "--target", "0.15", "5"]) == 0
+    page = capsys.readouterr().out
+    assert "casts of cable reach" in page
+    assert "no simulated cast of what this cable may be lands there" in page
+    assert (tmp_path / "runs/cable/check/check.png").stat().st_size > 10_000
