@@ -28,8 +28,8 @@ FOLDER = ROOT / "benchmarks" / "results"
 OTHER = ROOT / "runs" / "benchmarks"
 """Results that no page quotes."""
 
-PHYSICS = ("cable", "motion", "engines/warp_")
-"""Rooms, or packages in them, that decide how a simulated cable moves."""
+PHYSICS = ("cable", "motion/casting", "motion/grip_path", "engines/warp_")
+"""Rooms, or packages and modules in them, that decide how a simulated cable moves."""
 LABORATORY = (*PHYSICS, "arm", "rigs/virtual")
 LEARNING = (*LABORATORY, "tuning", "learning", "aiming")
 SIGHT = ("camera", "vision", "rigs/virtual")

@@ -35,6 +35,7 @@ LAST_WORDS = {
     "05_your_own_rig.py": "casts",
     "06_reinforcement_learning.py": "forward model:",
     "07_fit_my_cable.py": "replay.mp4",
+    "08_two_grippers.py": "catenary 0.245 N and",
 }
 # Examples that need an input, which a tool makes.
 FILMS = "07_fit_my_cable.py"

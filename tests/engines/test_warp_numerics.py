@@ -165,7 +165,7 @@ def test_the_layout_of_cuda_gives_the_same_but_for_rounding(count, monkeypatch):
     paths = casts(count)
     engine = EngineWarp(precision="double")
     usual = engine.rollout(CABLE, paths, duration=3.0, record_nodes=True)
-    engine._arrange(1, interleaved=True)
+    engine._lane_count, engine._interleaved = 1, True
     cuda_like = engine.rollout(CABLE, paths, duration=3.0, record_nodes=True)
     # The compiler fuses multiplications and additions differently for one lane. Where that decides
     # whether the length solve goes on for one more iteration, its tolerance shows for a moment.

@@ -150,6 +150,24 @@ class CableState:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class CableForces:
+    """What the cables of a batch bear, each the mean over the engine's step before a sample.
+
+    At time 0 there is no such step: the values are NaN.
+
+    Attributes:
+        tension: Axial force in each segment, positive where it pulls [N], shape [world, step,
+            segment].
+        grip: Force of the cable on the gripper [N], shape [world, step, 3].
+        far_grip: The same at the far end; None where it is free.
+    """
+
+    tension: NDArray[np.float64]
+    grip: NDArray[np.float64]
+    far_grip: NDArray[np.float64] | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Rollout:
     """Result of a batch of simulated motions.
 
@@ -161,6 +179,7 @@ class Rollout:
             work; its samples are NaN from then on, shape [world].
         nodes: Cable shapes at the sample times [m], shape [world, step, node, 3]; None unless
             `record_nodes` was set.
+        forces: What the cable bears at the sample times; None unless `record_forces` was set.
     """
 
     times: NDArray[np.float64]
@@ -168,6 +187,7 @@ class Rollout:
     final_state: CableState
     finite: NDArray[np.bool_]
     nodes: NDArray[np.float64] | None = None
+    forces: "CableForces | None" = None
 
     @property
     def endpoint_xy(self) -> NDArray[np.float64]:
@@ -396,10 +416,20 @@ def merge(parts: list[tuple[NDArray[np.int_], Rollout]]) -> Rollout:
 
     states = [rollout.final_state for rollout in rollouts]
     nodes = [rollout.nodes for rollout in rollouts if rollout.nodes is not None]
+    forces = [rollout.forces for rollout in rollouts if rollout.forces is not None]
     return Rollout(
         times=rollouts[0].times,
         endpoint_xyz=joined([rollout.endpoint_xyz for rollout in rollouts]),
         final_state=rows_of(CableState.stack(states), order),
         finite=joined([rollout.finite for rollout in rollouts]),
         nodes=joined(nodes) if nodes else None,
+        forces=CableForces(
+            tension=joined([part.tension for part in forces]),
+            grip=joined([part.grip for part in forces]),
+            far_grip=None
+            if forces[0].far_grip is None
+            else joined([part.far_grip for part in forces if part.far_grip is not None]),
+        )
+        if forces
+        else None,
     )

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
-from cablecast.engines.base import CableState, Rollout
+from cablecast.engines.base import CableForces, CableState, Rollout
 from cablecast.engines.warp_.constants import JOINT_CELLS, EndSegment, model_constants
 from cablecast.engines.warp_.energy import UNKNOWN_ENERGY
 from cablecast.motion.grip_path import GripPath
@@ -189,14 +189,19 @@ class Batch:
         state.rest_time = self.zeros(self.group_count, dtype=build.lane)
         return state
 
-    def scratch(self):
-        """Make the memory within a step; names that share an array follow each other in use."""
+    def scratch(self, keep_moments: bool):
+        """Make the memory within a step; names that share an array follow each other in use.
+
+        Bending moments outlast the step where they are kept.
+        """
         groups, nodes, segments = self.group_count, self.node_count, self.segment_count
         lane, vec3 = self.build.lane, self.build.vec3
         scratch = self.build.Scratch()
         scratch.bending_moment = self.zeros(groups, nodes + 2, dtype=vec3)
         scratch.acceleration = scratch.bending_moment
-        scratch.elimination = scratch.bending_moment
+        if keep_moments:
+            scratch.acceleration = self.zeros(groups, nodes + 2, dtype=vec3)
+        scratch.elimination = scratch.acceleration
         scratch.force = self.zeros(groups, nodes, dtype=vec3)
         scratch.velocity = scratch.force
         scratch.torque = self.zeros(groups, segments, dtype=lane)
@@ -206,7 +211,9 @@ class Batch:
         scratch.load = self.zeros(groups, segments, dtype=lane)
         return scratch
 
-    def samples(self, sample_count: int, steps_per_sample: int, record_nodes: bool):
+    def samples(
+        self, sample_count: int, steps_per_sample: int, record_nodes: bool, record_forces: bool
+    ):
         """Make the memory for samples."""
         samples = self.build.Samples()
         samples.steps_per_sample = steps_per_sample
@@ -215,6 +222,10 @@ class Batch:
         samples.endpoint = self.zeros(self.group_count, sample_count, dtype=vec3)
         node_shape = (sample_count, self.node_count) if record_nodes else (1, 1)
         samples.nodes = self.zeros(self.group_count if record_nodes else 1, *node_shape, dtype=vec3)
+        samples.record_forces = int(record_forces)
+        groups, count = (self.group_count, sample_count) if record_forces else (1, 1)
+        samples.tension = self.zeros(groups, count, self.segment_count, dtype=self.build.lane)
+        samples.grip_force = self.zeros(groups, count, 2, dtype=vec3)
         return samples
 
     def read(self, state, samples, sample_dt: float, far_is_held: bool) -> Rollout:
@@ -240,10 +251,19 @@ class Batch:
         if samples.record_nodes:
             nodes = self.to_worlds(samples.nodes)[:, :, : count + 1]
             nodes[broken] = np.nan
+        forces = None
+        if samples.record_forces:
+            broken[:, 0] = True
+            tension = self.to_worlds(samples.tension)[:, :, :count]
+            grips = self.to_worlds(samples.grip_force)
+            tension[broken], grips[broken] = np.nan, np.nan
+            far = grips[:, :, 1] if far_is_held else None
+            forces = CableForces(tension=tension, grip=grips[:, :, 0], far_grip=far)
         return Rollout(
             times=np.arange(endpoint.shape[1]) * sample_dt,
             endpoint_xyz=endpoint,
             final_state=final,
             finite=finite,
             nodes=nodes,
+            forces=forces,
         )

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import AIR_DENSITY, Cable, CableParams
+from cablecast.conventions import GRAVITY
 from cablecast.engines.base import REFERENCE_SEGMENT_COUNT, CableState
 from cablecast.engines.warp_.elastic import IMPLICIT, SHARP_TORSION, filter_factors, spin_pivots
 from cablecast.engines.warp_.material import LAG_RATIO, lag_ratios
@@ -63,6 +64,25 @@ def substep_counts(fastest: NDArray[np.float64], dt: float) -> NDArray[np.int_]:
     needed = np.sqrt(fastest * dt**2 / MOST_FILTERED)
     index = np.searchsorted(COUNTS, needed * (1.0 - 1e-9))
     return np.array(COUNTS)[np.minimum(index, len(COUNTS) - 1)]
+
+
+def rounding_of_friction(cable: Cable, segment_count: int) -> NDArray[np.float64]:
+    """Return how large rounding in single precision is beside friction at a node [-].
+
+    A position is rounded to 6e-8 of its size, here the cable's length L. Bending turns that into a
+    force of 6e-8 L EI / l^3, which friction of at most mu m g / N must hold.
+
+    Args:
+        cable: Geometry and physics, shared or one value per world.
+        segment_count: Number of segments N.
+    """
+    params = cable.params
+    friction = params.lateral_friction * params.worksurface_friction
+    held = friction * np.asarray(params.mass) * GRAVITY / segment_count
+    force = 6e-8 * cable.length * np.asarray(params.bend_stiffness)
+    force = force * (segment_count / cable.length) ** 3
+    # A table without friction holds nothing.
+    return np.where(held > 0.0, force / np.where(held > 0.0, held, 1.0), 0.0)
 
 
 TIP_SHARE = 0.75

@@ -48,6 +48,7 @@ from cablecast.engines.warp_.world import world_structs
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportGeneralTypeIssues=false
 
 
 FILTER_SHARE = 1.0 / 12.0
@@ -164,10 +165,6 @@ def bending_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return value + mul(sine_squared - q, angle_over_sine(q)) * real(2.0)
 
     return SimpleNamespace(node_moment=node_moment, bend_energy=bend_energy)
-
-
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 
 IMPLICIT = 8.0 / 27.0
@@ -344,11 +341,6 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         turn_twist=turn_twist,
         shape_force=shape_force,
     )
-
-
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
-# pyright: reportGeneralTypeIssues=false
 
 
 @functools.cache
@@ -532,10 +524,6 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         gripper_segment=gripper_segment,
         measure_curvature=measure_curvature,
     )
-
-
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 
 @functools.cache

@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import dataclasses
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,6 +26,7 @@ from cablecast.engines.warp_.constants import (
     fastest_at_end,
     fastest_wave,
     has_end,
+    rounding_of_friction,
     substep_counts,
 )
 from cablecast.engines.warp_.device import find_device, launch
@@ -41,6 +43,11 @@ DEFAULT_DT = 5e-3 / 9
 """The coarsest resolution whose landings, on all three presets, are within 1 % of cable length of
 converged ones in the median and within 5 % in nine of ten casts: `python -m benchmarks
 convergence`, docs/engine.md. At an eighteenth of 10 ms no preset takes substeps yet."""
+
+MOST_NOISE = 0.05
+"""Share of friction up to which rounding in single precision does no harm [-]. Cables that lie bent
+at Coulomb's limit move by less than 0.1 um in 20 s at up to a share of 0.18, by 0.1 mm at 0.5
+(tests/engines/test_warp_numerics.py); other scenes creep by 0.1 mm from 0.05 on."""
 
 REST_DURATION = 0.05
 """Time for which a world must be slow to be at rest [s]."""
@@ -103,10 +110,9 @@ class EngineWarp:
         self.table = table
         self.device = find_device(device)
         self.thread_count = thread_count or core_count()
-        if self.device.is_cuda:
-            self._arrange(LANE_COUNT_CUDA, interleaved=True)
-        else:
-            self._arrange(LANE_COUNT_CPU[precision], interleaved=False)
+        # How many worlds a thread owns, and whether groups lie interleaved in memory.
+        self._interleaved = self.device.is_cuda
+        self._lane_count = LANE_COUNT_CUDA if self.device.is_cuda else LANE_COUNT_CPU[precision]
 
     def remade(self, thread_count: int = 1) -> tuple[type, dict[str, Any]]:
         """Return the class and the arguments that make this engine anew in another process.
@@ -118,10 +124,6 @@ class EngineWarp:
         device = "cuda" if self.device.is_cuda else "cpu"
         options = {name: getattr(self, name) for name in names}
         return type(self), options | {"device": device, "thread_count": thread_count}
-
-    def _arrange(self, lane_count: int, interleaved: bool) -> None:
-        """Choose how many worlds a thread owns, and how groups lie in memory."""
-        self._lane_count, self._interleaved = lane_count, interleaved
 
     def _layout(self, features: Features) -> Layout:
         """Return the memory layout, with the kernel of some features."""
@@ -143,8 +145,12 @@ class EngineWarp:
         *,
         far_path: GripPath | None = None,
         record_nodes: bool = False,
+        record_forces: bool = False,
     ) -> Rollout:
-        """Simulate a batch; see `Engine.rollout`."""
+        """Simulate a batch; see `Engine.rollout`.
+
+        With `record_forces` the rollout has `forces`, and computes every world to the end.
+        """
         plan = plan_rollout(
             self,
             cable,
@@ -174,6 +180,8 @@ class EngineWarp:
             end = EndSegment.of(segment_length, params)
             at_end = fastest_at_end(stiffness, segment_mass, segment_length, end)
             fastest = np.maximum(fastest, np.where(ends, at_end, 0.0))
+        if self.table and self.precision == "single" and cables.world_count is None:
+            warn_of_creep(cables.cables[0], self.segment_count)
         counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
         ends = np.broadcast_to(ends, plan.world_count)
         kinds = cables.kinds(plan.world_count)
@@ -194,6 +202,7 @@ class EngineWarp:
                 ),
                 self.dt / count,
                 record_nodes,
+                record_forces,
                 bool(has),
             )
             return worlds, rollout
@@ -215,6 +224,7 @@ class EngineWarp:
         plan: RolloutPlan,
         dt: float,
         record_nodes: bool,
+        record_forces: bool,
         with_end: bool,
     ) -> Rollout:
         """Simulate worlds of one length and diameter that take the same step dt [s].
@@ -236,22 +246,35 @@ class EngineWarp:
             self._rest_bend(cable, grip_path, plan, with_end) if features.remembers else None
         )
         state = batch.state(plan.initial_state, np.atleast_1d(cable.params.damping_time), rest_bend)
-        samples = batch.samples(plan.sample_count, plan.steps_per_sample, record_nodes)
+        samples = batch.samples(
+            plan.sample_count, plan.steps_per_sample, record_nodes, record_forces
+        )
         build = layout.build
+        may_rest = self.rest_speed > 0 and self.table and not record_forces
         inputs = [
             plan.sample_count,
             self.rest_speed,
-            REST_DURATION if self.rest_speed > 0 and self.table else np.inf,
+            REST_DURATION if may_rest else np.inf,
             batch.array(motion_end, build.lane),
             batch.model(cable, dt, self.gravity, far_is_held=far_path is not None),
             batch.path(grip_path),
             batch.path(far_path if far_path is not None else _NO_PATH),
             state,
-            batch.scratch(),
+            batch.scratch(keep_moments=record_forces),
             samples,
         ]
         launch(build.kernel, self.device, batch.group_count, self.thread_count, inputs)
-        return batch.read(state, samples, plan.steps_per_sample * dt, far_path is not None)
+        rollout = batch.read(state, samples, plan.steps_per_sample * dt, far_path is not None)
+        if rollout.forces is not None:
+            half_mass = 0.5 * np.atleast_1d(np.asarray(cable.params.mass)) / self.segment_count
+            grips = (grip_path, rollout.forces.grip), (far_path, rollout.forces.far_grip)
+            for path, force in grips:
+                if path is not None and force is not None:
+                    # Of the half segment that the gripper holds.
+                    acceleration = path.evaluate(rollout.times, 2)[..., :3]
+                    acceleration[..., 2] += self.gravity
+                    force -= half_mass[:, None, None] * acceleration
+        return rollout
 
     def _rest_bend(
         self, cable: Cable, grip_path: GripPath, plan: RolloutPlan, with_end: bool
@@ -267,6 +290,21 @@ class EngineWarp:
             np.broadcast_to(curvature, worlds),
             cable.length / self.segment_count,
             has_joint=with_end,
+        )
+
+
+def warn_of_creep(cable: Cable, segment_count: int) -> None:
+    """Warn where rounding in single precision moves a cable that friction should hold.
+
+    A fit, whose worlds have parameters of their own, is not warned: its casts last seconds.
+    """
+    noise = float(np.max(rounding_of_friction(cable, segment_count)))
+    if noise > MOST_NOISE:
+        warnings.warn(
+            f"{cable.name} of {segment_count} segments is so stiff and light that rounding reaches "
+            f"{100 * noise:.0f} % of the friction that holds a node: at rest it may creep by "
+            'millimetres in a minute; precision="double" holds it',
+            stacklevel=3,
         )
 
 

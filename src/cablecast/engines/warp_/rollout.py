@@ -12,6 +12,7 @@ import warp as wp
 from cablecast.engines.warp_.device import one_builder
 from cablecast.engines.warp_.elastic import curvature_functions
 from cablecast.engines.warp_.energy import STEPS_PER_CHECK, energy_functions
+from cablecast.engines.warp_.forces import force_functions
 from cablecast.engines.warp_.grip import grip_functions
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.step import step_functions
@@ -69,6 +70,7 @@ def _build_kernel(precision: str, lane_count: int, features: Features) -> Simple
     Model, Path, State, Scratch, Samples = s.Model, s.Path, s.State, s.Scratch, s.Samples
     count = wp.constant(lane_count)
     energy = energy_functions(precision, lane_count, features.remembers)
+    forces = force_functions(precision, lane_count)
     steps_per_check = wp.constant(STEPS_PER_CHECK)
 
     @wp.kernel(
@@ -108,7 +110,7 @@ def _build_kernel(precision: str, lane_count: int, features: Features) -> Simple
         start_grippers(model, path, far_path, group)
         active = state.active[group]
         rest_time = state.rest_time[group]
-        record(model, state, samples, group, 0)
+        record(model, state, scratch, samples, group, 0)
         slow = rest_speed * rest_speed
         any_active = int(1)
         unchecked = int(0)
@@ -137,7 +139,7 @@ def _build_kernel(precision: str, lane_count: int, features: Features) -> Simple
                         unchecked = int(0)
                         active = energy.is_sound(model, path, far_path, state, group, active)
                     any_active = int(wp.max(active))
-            record(model, state, samples, group, sample)
+            record(model, state, scratch, samples, group, sample)
         # The twist of the last step, for the final state.
         follow_grippers(model, path, far_path, group, t_end)
         curvature.measure_curvature(
@@ -161,12 +163,25 @@ def _build_kernel(precision: str, lane_count: int, features: Features) -> Simple
             grip.follow(far_path, group, t, model.dt)
 
     @wp.func
-    def record(model: Model, state: State, samples: Samples, group: int, sample: int):
-        """Write the endpoint, and the shape where asked for [m]."""
+    def record(
+        model: Model, state: State, scratch: Scratch, samples: Samples, group: int, sample: int
+    ):
+        """Write the endpoint, and the shape [m] and forces [N] where asked for."""
         samples.endpoint[group, sample] = state.position[group, model.endpoint]
         if samples.record_nodes == 1:
             for node in range(model.node_count):
                 samples.nodes[group, sample, node] = state.position[group, node]
+        if samples.record_forces == 1 and sample > 0:
+            last = model.node_count - 2
+            force = vec3()
+            for segment in range(last + 1):
+                force = forces.internal_force(model, state, scratch, group, segment)
+                samples.tension[group, sample, segment] = forces.along(
+                    model, state, group, segment, force
+                )
+                if segment == 0:
+                    samples.grip_force[group, sample, 0] = force
+            samples.grip_force[group, sample, 1] = -force
 
     return SimpleNamespace(kernel=kernel, **vars(s), real=real, lane=lane, vec3=vec3)
 

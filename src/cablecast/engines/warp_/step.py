@@ -128,10 +128,6 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
     )
 
 
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
-
-
 @functools.cache
 def air_functions(precision: str, lane_count: int, drags: bool) -> SimpleNamespace:
     """Build the Warp function of the air.
@@ -188,10 +184,6 @@ def air_functions(precision: str, lane_count: int, drags: bool) -> SimpleNamespa
         """Do nothing in place of `resist`."""
 
     return SimpleNamespace(resist=resist if drags else resist_nothing)
-
-
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 
 @functools.cache

@@ -36,6 +36,7 @@ from cablecast.engines.warp_.world import Features, world_structs
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportGeneralTypeIssues=false
 
 
 RECOVERY = 0.2
@@ -107,10 +108,6 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
     )
 
 
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
-
-
 COUPLE_STIFFNESS = 0.125
 """Share of a segment's turning that the stored couple takes up in a step. A node belongs to two
 segments and both nodes yield, so that segments that turn to and fro stop four times as fast as one
@@ -180,11 +177,6 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
             node -= 1
 
     return SimpleNamespace(resist_turning=resist_turning)
-
-
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
-# pyright: reportGeneralTypeIssues=false
 
 
 @functools.cache
@@ -314,10 +306,6 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
     return SimpleNamespace(
         Roll=Roll, predict_roll=predict_roll, node_roll=node_roll, finish_rolls=finish_rolls
     )
-
-
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 
 @functools.cache
@@ -497,10 +485,6 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         return f.root(mul(vector[0], vector[0]) + mul(vector[1], vector[1]) + lane(real(tiny)))
 
     return SimpleNamespace(slide_nodes=slide_nodes)
-
-
-# Annotations of kernels are values that Warp reads, not types that pyright knows.
-# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
 
 @functools.cache

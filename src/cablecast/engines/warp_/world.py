@@ -262,12 +262,19 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             record_nodes: 1 to record whole shapes, else 0.
             endpoint: Free end at each sample [m], shape [group, sample].
             nodes: Shapes at each sample [m], shape [group, sample, node].
+            record_forces: 1 to record forces, else 0.
+            tension: Axial force in each segment [N], shape [group, sample, segment].
+            grip_force: Force of the cable on the grip and on the far end [N], without the half
+                segments that these hold, shape [group, sample, 2].
         """
 
         steps_per_sample: int
         record_nodes: int
         endpoint: wp.array2d(dtype=vec3)
         nodes: wp.array3d(dtype=vec3)
+        record_forces: int
+        tension: wp.array3d(dtype=lane)
+        grip_force: wp.array3d(dtype=vec3)
 
     return SimpleNamespace(Model=Model, Path=Path, State=State, Scratch=Scratch, Samples=Samples)
 
