@@ -130,8 +130,8 @@ class TablePage:
 
     def wait_for_rest(self) -> None:
         """Wait until a cast has ended, with a landing or without."""
-        button = self.tab.get_by_role("button", name="Correct and cast again", disabled=False)
-        button.wait_for(state="visible")
+        name = re.compile("^(Correct and cast again|Another target)$")
+        self.tab.get_by_role("button", name=name, disabled=False).first.wait_for(state="visible")
 
     def frames_per_second(self, seconds: float = 3.0) -> float:
         """Return how often the browser draws."""

@@ -74,7 +74,12 @@ def test_a_bound_in_the_way_is_widened(cable, few, others, truth, engine):
     """What is believed is off by a factor of 50: the range ends at 30."""
     stiff = dataclasses.replace(cable.params, bend_stiffness=truth.bend_stiffness / 50.0)
     believed = dataclasses.replace(cable, params=stiff, deviations={"bend_stiffness": 30.0})
-    result = fit_params(believed, few, others, engine, engine, CONFIG)
+    told = []
+    result = fit_params(believed, few, others, engine, engine, CONFIG, progress=told.append)
+    # A range more to search moves no end away.
+    assert len({one.total for one in told}) == 1
+    assert [one.done for one in told] == sorted(one.done for one in told)
+    assert told[-1].done == told[-1].total
     high = SearchSpace.for_cable(believed).high[CableParams.names().index("bend_stiffness")]
     assert result.params.bend_stiffness > high
 

@@ -85,13 +85,13 @@ def test_tracks_that_cannot_validate_are_refused_before_the_search(cable, good, 
     assert not states
 
 
-def test_progress_tells_best_and_spread(cable, good, engine):
+def test_progress_tells_how_closely_the_casts_are_followed(cable, good, engine):
     states = []
     result = tune(cable, good, engine, progress=states.append)
     assert [(state.done, state.total) for state in states] == [(k, 6) for k in range(1, 7)]
     assert [stage for stage, *_ in result.history] == ["coarse"] * 3 + ["fine"] * 3
-    best, spread = (100 * value / cable.length for value in result.history[-1][1:])
-    assert states[-1].note == f"fine, best {best:.2f} %, spread {spread:.2f} %"
+    best_pct = 100 * result.history[-1][1] / cable.length
+    assert states[-1].note == f"fine: casts followed to {best_pct:.1f} %"
     coarse = [best for _, best, _ in result.history[:3]]
     assert coarse == sorted(coarse, reverse=True)
     training, _ = split_tracks(good)

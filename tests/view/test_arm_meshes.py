@@ -61,7 +61,7 @@ def test_each_piece_is_where_its_frame_is(tmp_path, model, turned):
     base = {"name": "base", "pos": "1 -2 0.3", "quat": " ".join(map(str, quat))}
     text = description(arm, base if turned else NO_BASE, prefix="left_")
     meshes = ArmMeshes(written(tmp_path, text), arm)
-    assert list(meshes.pieces) == [name[:-6] for name in JOINT_NAMES]
+    assert [name[:-2] for name in meshes.pieces] == [name[:-6] for name in JOINT_NAMES]
     for q in np.random.default_rng(1).uniform(-3.0, 3.0, (5, 6)):
         quats, positions = meshes.poses(q)
         frames = arm.frames(q[None])
@@ -76,13 +76,13 @@ def test_each_piece_is_where_its_frame_is(tmp_path, model, turned):
 
 def test_a_piece_has_the_file_s_vertices_and_colour(tmp_path):
     arm = ArmUR()
-    piece = ArmMeshes(written(tmp_path, description(arm)), arm).pieces["shoulder_pan"]
+    piece = ArmMeshes(written(tmp_path, description(arm)), arm).pieces["shoulder_pan_0"]
     expected = np.array(TETRAHEDRON.split(), dtype=float).reshape(-1, 3)
     order = np.lexsort(piece.vertices.T.round(6))
     assert np.allclose(
         piece.vertices[order], expected[np.lexsort(expected.T.round(6))], atol=DIGITS
     )
-    assert np.all(piece.visual.face_colors == [255, 128, 0, 255])
+    assert piece.color == (255, 128, 0)
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,4 @@
+import dataclasses
 import threading
 
 import numpy as np
@@ -10,6 +11,8 @@ from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
 from cablecast.view.desk import Desk, Phase
 from cablecast.view.look import ShownCast
+from cablecast.view.words import status_text
+from cablecast.view.worker import WorkState
 
 TARGET = np.array([0.3, 1.15])
 LENGTH = Setup().cable.length
@@ -39,11 +42,12 @@ def test_a_plan_says_what_to_expect(desk):
         ("here", "two numbers"),
     ],
 )
-def test_a_target_that_cannot_be_aimed_at_is_refused_and_changes_nothing(desk, target, words):
-    before = desk.aim(TARGET)
+def test_a_target_that_cannot_be_aimed_at_is_refused_and_leaves_no_plan(desk, target, words):
+    desk.aim(TARGET)
     with pytest.raises(TargetError, match=words):
         desk.aim(target)
-    assert desk.preview is before
+    assert desk.preview is None
+    assert desk.phase is Phase.READY
 
 
 def test_a_cast_is_kept_with_its_landing_and_its_miss(desk, own):
@@ -101,6 +105,49 @@ def test_corrections_land_nearer(desk, side):
         last = desk.cast().miss_pct
     # The session weighs a miss by how well it repeats, and this one repeats exactly.
     assert last < 0.5 * first
+
+
+def test_a_hit_is_the_end_at_its_target_and_another_one_is_offered(desk, own):
+    own.offset = np.zeros(2)
+    desk.aim(TARGET)
+    assert desk.cast().hit
+    desk.look_ahead()
+    assert desk.phase is Phase.DONE
+    assert desk.stop == ""
+    other = desk.other_target()
+    assert np.linalg.norm(other - TARGET) > 0.1
+    desk.aim(other)
+    assert desk.phase is Phase.PLANNED
+    # The next cast leads to yet another one.
+    desk.cast()
+    yet_another = desk.other_target()
+    assert min(np.linalg.norm(yet_another - xy) for xy in (TARGET, other)) > 0.1
+
+
+def test_a_cast_that_is_not_worth_making_is_said_after_the_one_before(desk, own):
+    own.offset = np.array([-0.3, 0.2])
+    desk.aim(TARGET)
+    reasons = iter(["", "", "the next cast is expected to miss by 9 %"])
+    desk.session.stop_reason = lambda proposal: next(reasons)
+    for phase in (Phase.LANDED, Phase.DONE):
+        desk.cast()
+        desk.look_ahead()
+        assert desk.phase is phase
+    assert "miss by 9 %" in status_text(desk, WorkState())
+    # All the same, a person may.
+    desk.session.stop_reason = lambda proposal: ""
+    assert desk.correct().proposal.try_number == 3
+    assert desk.phase is Phase.PLANNED
+
+
+def test_all_tries_at_a_target_end_it(desk, own):
+    own.offset = np.array([-0.3, 0.2])
+    desk.session.config = dataclasses.replace(desk.session.config, tries=1, anyway=True)
+    desk.aim(TARGET)
+    desk.cast()
+    desk.look_ahead()
+    assert desk.phase is Phase.DONE
+    assert "all 1 tries" in desk.stop
 
 
 def test_a_cast_after_a_landing_is_a_corrected_one(desk):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from cablecast.setup import Setup
+from cablecast.view.film import camera_behind_robot
 from cablecast.view.shapes import (
     CABLE_RADIUS_MIN,
     TRAIL_COUNT,
@@ -65,9 +66,29 @@ def test_the_map_knows_the_reach_and_the_misses(policy):
     inside = policy.inside_coverage(xy) & np.isfinite(miss)
     assert np.median(miss[inside]) < np.median(miss[np.isfinite(miss) & ~inside])
     image = map_image(miss, policy.setup.cable.length)
-    assert image.shape == (*miss.shape, 4)
-    # The first row of the picture is the far edge.
-    assert np.array_equal(image[0, :, 3] > 0, np.isfinite(miss[-1]))
+    assert image.shape == (4 * miss.shape[0], 4 * miss.shape[1], 4)
+    # The first rows of the picture are the far edge.
+    assert np.array_equal(image[1, 1::4, 3] > 0, np.isfinite(miss[-1]))
+    # Colours pass from one target of the map to the next.
+    seen = image[:, 1::4, 0][image[:, 1::4, 3] > 0].astype(int)
+    assert len(np.unique(seen)) > 2 * len(np.unique(image[1::4, 1::4, 0]))
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (1120, 900), (800, 360), (390, 844)])
+def test_the_table_fills_the_picture_and_stays_in_it(size):
+    setup = Setup()
+    table = setup.workspace
+    camera = camera_behind_robot(setup, *size, size[0] / size[1])
+    corners = [
+        (x, y, 0.0)
+        for x in (-table.half_width, table.half_width)
+        for y in (table.y_min, table.y_max)
+    ]
+    u, v = camera.to_image(np.array(corners)).T
+    assert min(u.min(), v.min()) > 0
+    assert u.max() < size[0]
+    assert v.max() < size[1] * (1.0 if size[0] > size[1] else 0.4)
+    assert max(np.ptp(u) / size[0], np.ptp(v) / size[1]) > 0.8
 
 
 @pytest.mark.parametrize("radius", [0.01, 0.16])

@@ -13,14 +13,20 @@ def test_a_plan_and_its_cast_are_stated_in_the_units_of_a_person(desk, own):
     preview = desk.aim(TARGET)
     plan = plan_text(preview, desk)
     assert "| target | 1.188 m, 14.6°, try 1 |" in plan
+    axes = 200 * preview.proposal.ellipse(0.9).semi_axes
+    assert f"| 90 % land | in {axes[0]:.0f} by {axes[1]:.0f} cm (" in plan
     assert f"{preview.proposal.trajectory.duration:.2f} s" in plan
     desk.cast()
     miss = np.linalg.norm(own.offset)
     miss_pct = 100 * miss / desk.setup.cable.length
-    assert f"| 1 | 1.19 m, 15° | {100 * miss:.1f} cm, {miss_pct:.1f} % |" in tries_text(desk)
+    assert f"| 1 | 1.19 m, 15° | {100 * miss:.1f} cm ({miss_pct:.1f} %) |" in tries_text(desk)
+    landing = plan_text(preview, desk)
+    assert f"| landed | {100 * miss:.1f} cm ({miss_pct:.1f} %) beside it |" in landing
+    # What was expected is said of the landing, not of the target that it missed.
+    assert f"| expected | {100 * miss:.1f} cm" in landing
     assert f"Landed: {100 * miss:.1f} cm ({miss_pct:.1f} %)" in status_text(desk, IDLE)
     desk.undo()
-    assert f"~~{100 * miss:.1f} cm, {miss_pct:.1f} %~~" in tries_text(desk)
+    assert f"~~{100 * miss:.1f} cm ({miss_pct:.1f} %)~~" in tries_text(desk)
 
 
 def test_work_under_way_says_how_far_it_is(desk):
@@ -32,7 +38,7 @@ def test_work_under_way_says_how_far_it_is(desk):
 
 
 def test_the_tour_leads_to_the_first_cast_and_ends_there(desk):
-    assert tour_text(desk, IDLE).count("✓") == 4
+    assert tour_text(desk, IDLE).count("✓") == 3
     desk.aim(TARGET)
     assert "▶ **Cast.**" in tour_text(desk, IDLE)
     desk.cast()
@@ -56,4 +62,4 @@ def test_the_tour_follows_the_steps_of_the_work(rig, engine):
 
 
 def test_the_legend_ends_at_a_quarter_of_the_cable():
-    assert legend_text().endswith("25 and more")
+    assert "<span>0 cm</span><span>12 cm</span><span>25 cm and more</span>" in legend_text(1.0)

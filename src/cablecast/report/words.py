@@ -21,6 +21,14 @@ BLIND_NOTE = (
 _OTHER_ACTION = 12.0
 
 
+def region_text(proposal: Proposal, share: float) -> str:
+    """Return the axes of the region that holds a share of the landings [-], e.g. 90 %."""
+    axes = 2.0 * proposal.ellipse(share).semi_axes
+    centimetres = " by ".join(f"{100 * axis:.0f}" for axis in axes)
+    percent = " by ".join(f"{100 * axis / proposal.setup.cable.length:.0f}" for axis in axes)
+    return f"{centimetres} cm ({percent} %)"
+
+
 def reason_text(proposal: Proposal, session: AimSession) -> str:
     """Return why an action is proposed."""
     action, earlier = proposal.action.to_array(), session.casts_at(proposal.target_xy)
@@ -57,9 +65,8 @@ def change_text(cast: Cast, session: AimSession) -> str:
     predictor = session.predictor if done else session.predictor_at(cast.target_xy)
     xy, _, scatter = predictor.predict(cast.action)
     moved = 100.0 * (xy[0] - cast.expected_xy)
-    scatter_pct = 100.0 * scatter[0] / session.setup.cable.length
     text = (
         f"the expected landing of this action moves by {moved[0]:+.1f} cm in x and "
-        f"{moved[1]:+.1f} cm in y; its scatter is {scatter_pct:.1f} % of the cable's length"
+        f"{moved[1]:+.1f} cm in y; equal casts scatter by {100.0 * scatter[0]:.1f} cm"
     )
     return f"{text}. {DRIFT_NOTE}" if session.drifted else text

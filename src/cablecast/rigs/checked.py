@@ -79,6 +79,9 @@ class CheckedRig(RigLifecycle):
         time_limit: Longest time of one reset or one trial [s]; None for no limit. It holds in the
             main thread of systems with interval timers.
 
+    Attributes:
+        watch: Called with each motion before it is played, and again with its track.
+
     Raises:
         RigError: The object is no rig, or its description is no plain dictionary.
         InputError: The time limit is out of bounds.
@@ -98,6 +101,7 @@ class CheckedRig(RigLifecycle):
         self.rig: Any = rig
         self.setup = setup
         self.time_limit = time_limit
+        self.watch: Callable[[Trajectory, EndpointTrack | None], None] = lambda motion, track: None
         self.description: dict[str, Any] = check_description(
             self._call("description", lambda: rig.description)
         )
@@ -127,8 +131,9 @@ class CheckedRig(RigLifecycle):
                 its answer is impossible.
         """
         self._use_reset()
+        self.watch(trajectory, None)
         track = self._call("execute", lambda: self.rig.execute(trajectory))
-        return check_track(track, trajectory, self.setup)
+        return self._checked(track, trajectory)
 
     def close(self) -> None:
         """Let go of what the rig holds; it may be called twice.
@@ -154,6 +159,8 @@ class CheckedRig(RigLifecycle):
         """Reset and execute for each trajectory, and check every answer."""
         self._check_open()
         self._is_reset = False
+        for trajectory in trajectories:
+            self.watch(trajectory, None)
         tracks = self._call(
             "execute_many",
             lambda: list(self.rig.execute_many(trajectories, progress)),
@@ -165,9 +172,14 @@ class CheckedRig(RigLifecycle):
                 "motions"
             )
         return [
-            check_track(track, trajectory, self.setup)
+            self._checked(track, trajectory)
             for track, trajectory in zip(tracks, trajectories, strict=True)
         ]
+
+    def _checked(self, track: EndpointTrack, trajectory: Trajectory) -> EndpointTrack:
+        checked = check_track(track, trajectory, self.setup)
+        self.watch(trajectory, checked)
+        return checked
 
     def _seek(self, index: int, purpose: str = "") -> None:
         """Let the next trial be the index-th of a purpose."""

@@ -244,20 +244,28 @@ class _Log:
         self.stored = stored
         self.counts = {COARSE: 0, FINE: 0, ENSEMBLE: 0}
         self.history: list[tuple[str, float, float]] = []
+        self.skipped = 0
+        self.begin("")
+
+    def begin(self, name: str) -> None:
+        """Begin a search or a fit with a name, whose losses are not compared with earlier ones."""
+        self.name, self._begun = name, len(self.history)
 
     def add(self, stage: str, best: float, spread: float, *, report: bool = True) -> None:
         """Record a step: the best loss [m], and the standard deviation of the losses [m]."""
         self.history.append((stage, best, spread))
         if not report:
             return
-        best_pct, spread_pct = (100 * value / self.cable.length for value in (best, spread))
+        # The simulator of one stage follows the casts less closely than that of another may.
+        least = min(loss for one, loss, _ in self.history[self._begun :] if one == stage)
+        share = 100 * least / self.cable.length
         self.progress(
             Progress(
                 task=f"Tuning {self.cable.name}",
-                done=len(self.history),
+                done=len(self.history) + self.skipped,
                 total=self.total,
                 unit="steps",
-                note=f"{stage}, best {best_pct:.2f} %, spread {spread_pct:.2f} %",
+                note=f"{self.name}{stage}: casts followed to {share:.1f} %",
             )
         )
 
@@ -337,9 +345,15 @@ def fit_params(
     spaces = [SearchSpace.for_cable(cable, names) for names in (config.materials, ())]
     if spaces[0].names == spaces[1].names:
         del spaces[0]
-    steps = len(spaces) * (config.coarse_iterations + config.fine_iterations)
-    log = _Log(cable, progress, steps + MEMBER_COUNT * config.ensemble_iterations, stored)
-    fits = [_fit_in(space, coarse, fine, config, log) for space in spaces]
+    # As if all ranges were widened as often as they may be: the end of a bar must not move away.
+    steps = config.coarse_iterations + (1 + WIDEN_MAX) * config.fine_iterations
+    total = len(spaces) * steps + MEMBER_COUNT * config.ensemble_iterations
+    log = _Log(cable, progress, total, stored)
+    fits = []
+    for number, space in enumerate(spaces, start=1):
+        log.begin(f"fit {number} of {len(spaces)}, ")
+        fits.append(_fit_in(space, coarse, fine, config, log))
+    log.begin("")
     likeliest = min(fits, key=lambda fit: fit.neg_log_posterior)
     state, posterior = likeliest.state, likeliest.posterior
     best = state.best(len(state.points))
@@ -424,12 +438,12 @@ def _fit_in(
         posterior = _posterior(fit, state)
         wider = None if attempt == WIDEN_MAX else _widened(posterior, space, cable)
         if wider is None:
+            log.skipped += (WIDEN_MAX - attempt) * config.fine_iterations
             break
         points = state.best(config.fine_start_count).points.copy()
         ten = len(PAPER_PARAMS)
         points[:, :ten] = wider.to_unit(space.to_params(points))[:, :ten]
         space = wider
-        log.total += config.fine_iterations
     return _Fit(
         neg_log_posterior=fit.neg_log_posterior(state),
         space=space,

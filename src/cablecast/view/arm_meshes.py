@@ -1,8 +1,9 @@
 """The arm as its maker drew it: the meshes of an MJCF or URDF file, placed by the arm's joints."""
 
+import dataclasses
 import os
 import pathlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,7 @@ from numpy.typing import NDArray
 from cablecast.arm.base import Arm
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError, MissingExtraError
-from cablecast.view.shapes import Array
-
-if TYPE_CHECKING:
-    import trimesh
+from cablecast.view.shapes import Array, Color
 
 JOINT_NAMES = (
     "shoulder_pan_joint",
@@ -32,6 +30,21 @@ _FACE_COUNT_MAX = 400_000
 _POSE_COUNT = 24  # Poses at which the two arms are compared.
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """One mesh of an arm.
+
+    Attributes:
+        vertices: Vertices in the frame of its body [m], shape [vertex, 3].
+        faces: Vertices of each triangle, shape [face, 3].
+        color: Colour.
+    """
+
+    vertices: Array
+    faces: NDArray[np.integer]
+    color: Color
+
+
 class ArmMeshes:
     """Meshes of an arm and where they are at given joint angles.
 
@@ -42,7 +55,7 @@ class ArmMeshes:
         arm: Arm of the set-up. Its last two joints must be where those of the file are.
 
     Attributes:
-        pieces: Coloured mesh of each body in the frame of the body [m], by the name of the body.
+        pieces: Meshes by name: that of the body, and a number.
 
     Raises:
         InputError: The file cannot be read, has no such joints or no mesh, or is another arm.
@@ -55,7 +68,7 @@ class ArmMeshes:
         self._data = self._mujoco.MjData(self._model)
         names = JOINT_NAMES if isinstance(arm, ArmUR) else arm.joint_names
         self._joints = [_joint(self._mujoco, self._model, name, path) for name in names]
-        self.pieces: dict[str, trimesh.Trimesh] = {}
+        self.pieces: dict[str, Piece] = {}
         self._bodies: list[int] = []
         self._read_pieces(path)
         # From the world of the file to the base frame of the set-up.
@@ -92,10 +105,9 @@ class ArmMeshes:
         count = int(np.sum(model.mesh_facenum[model.geom_dataid[geoms]]))
         if count > _FACE_COUNT_MAX:
             raise InputError(f"{path} has {count} faces: at most {_FACE_COUNT_MAX} are drawn")
-        for body in np.unique(model.geom_bodyid[geoms]).tolist():
-            own = geoms[model.geom_bodyid[geoms] == body]
-            self._bodies.append(body)
-            self.pieces[model.body(body).name or f"body_{body}"] = _piece(model, own)
+        self._bodies = model.geom_bodyid[geoms].tolist()
+        for geom, body in zip(geoms.tolist(), self._bodies, strict=True):
+            self.pieces[f"{model.body(body).name or body}_{geom}"] = _piece(model, geom)
 
     def _align(self, path: pathlib.Path, arm: Arm) -> None:
         """Find how the file stands to the base frame, and refuse the file of another arm."""
@@ -150,26 +162,17 @@ def _joint(mujoco: Any, model: Any, name: str, path: pathlib.Path) -> int:
     return found[0]
 
 
-def _piece(model: Any, geoms: NDArray[np.int64]) -> "trimesh.Trimesh":
-    """Return the meshes of a body as one, in the body's frame."""
-    import trimesh
+def _piece(model: Any, geom: int) -> Piece:
+    """Return a mesh in the frame of its body."""
     from scipy.spatial.transform import Rotation
 
-    parts = []
-    for geom in geoms:
-        mesh, material = model.mesh(model.geom_dataid[geom]), model.geom_matid[geom]
-        vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
-        faces = model.mesh_face[mesh.faceadr[0] :][: mesh.facenum[0]]
-        turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
-        rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-        color = np.round(255 * rgba).astype(np.uint8)
-        parts.append(
-            trimesh.Trimesh(
-                turn.apply(vertices) + model.geom_pos[geom],
-                faces,
-                face_colors=np.tile(color, (len(faces), 1)),
-                process=False,
-            )
-        )
-    joined: Any = trimesh.util.concatenate(parts)
-    return joined
+    mesh, material = model.mesh(model.geom_dataid[geom]), model.geom_matid[geom]
+    vertices = model.mesh_vert[mesh.vertadr[0] :][: mesh.vertnum[0]]
+    turn = Rotation.from_quat(model.geom_quat[geom], scalar_first=True)
+    rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    red, green, blue = np.round(255 * rgba[:3]).astype(int).tolist()
+    return Piece(
+        vertices=turn.apply(vertices) + model.geom_pos[geom],
+        faces=model.mesh_face[mesh.faceadr[0] :][: mesh.facenum[0]],
+        color=(red, green, blue),
+    )

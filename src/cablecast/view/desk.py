@@ -31,15 +31,19 @@ SEGMENT_COUNT, STEP = 30, 1e-3
 """Resolution of previews: a cast in a fraction of the time, with a landing some per cent of the
 cable's length from that of the full resolution (docs/view.md)."""
 
+_EDGE = 0.1  # Least distance of a suggested target from the table's edges [m].
+_CHOICE = 8  # Landings of which the one farthest from all targets is suggested.
+
 
 class Phase(enum.Enum):
     """State of the table; the value says what to do next."""
 
-    NO_MODEL = "Get ready first: five casts, and a model that is trained for this cable."
+    NO_MODEL = "Get ready first: the rig makes some casts, and the simulator learns from them."
     READY = "Click on the table to choose a target."
     PLANNED = "Look at the plan, then cast."
     CASTING = "The arm moves: keep clear."
     LANDED = "Correct and cast again, or choose another target."
+    DONE = "Choose another target."
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +75,8 @@ class Desk:
         setup: Set-up of the rig.
         session: Session that plans; None until one was prepared.
         dynamics: Simulated cable: that of the model's training casts.
-        preview: Plan for the current target; None before the first.
+        preview: Plan for the current target; None before the first, and after one that was refused.
+        stop: Why the next cast at the target is not worth making; empty where it is, or was hit.
         message: Latest news in one sentence; empty if there are none.
     """
 
@@ -87,6 +92,7 @@ class Desk:
         self.setup: Setup = rig.setup
         self.session: AimSession | None = None
         self.preview: Preview | None = None
+        self.stop = ""
         self.message = ""
         self.dynamics = Dynamics.of(None, self.setup)
         self._lock = threading.RLock()
@@ -104,8 +110,9 @@ class Desk:
                 return Phase.NO_MODEL
             if self.preview is None:
                 return Phase.READY
-            done = self.preview.proposal.number < len(self.session.casts)
-            return Phase.LANDED if done else Phase.PLANNED
+            if self.preview.proposal.number >= len(self.session.casts):
+                return Phase.PLANNED
+            return Phase.DONE if self.stop or self.is_hit else Phase.LANDED
 
     @property
     def tries(self) -> list[Cast]:
@@ -117,6 +124,14 @@ class Desk:
     def last(self) -> Cast | None:
         """Latest try that was not undone."""
         return next((one for one in reversed(self.tries) if not self.is_undone(one)), None)
+
+    @property
+    def is_hit(self) -> bool:
+        """Whether a try at the target of the plan hit it."""
+        preview = self.preview
+        return preview is not None and any(
+            one.hit for one in self.tries_at(preview.proposal.target_xy)
+        )
 
     def is_undone(self, trial: Cast) -> bool:
         """Return whether a try was taken back."""
@@ -139,7 +154,7 @@ class Desk:
         settings = session.model.policy.model.settings
         with self._lock:
             self._refuse_casting()
-            self.session, self.preview = session, None
+            self.session, self.preview, self.stop = session, None, ""
             if settings.is_simulated:
                 self.dynamics = settings.dynamics
 
@@ -183,15 +198,42 @@ class Desk:
         with self._lock:
             self._refuse_casting()
             session = self._need_session()
+            # A target that is refused leaves no plan for the one before.
+            self.preview, self.stop = None, ""
             try:
                 target = np.asarray(target_xy, dtype=float)
             except (TypeError, ValueError):
                 raise TargetError(f"target {str(target_xy)[:40]!r} must be two numbers") from None
             if target.shape != (2,):
                 raise TargetError(f"a target has shape {target.shape}: it must be [2]")
-            self.preview = self._plan(session, target)
+            proposal = session.propose(target)
+            self.preview = self._preview(session, proposal)
+            self.stop = session.stop_reason(proposal)
             self.message = ""
             return self.preview
+
+    def other_target(self) -> NDArray[np.float64]:
+        """Return a target [m], shape [2], that simulated casts reach, far from those cast at."""
+        session, table = self._need_session(), self.setup.workspace
+        xy = session.model.policy.predicted_xy
+        xy = xy[table.edge_distance(xy) > _EDGE]
+        xy = xy[np.linalg.norm(xy, axis=1) < table.reach(self.setup.cable.length)]
+        rng = np.random.default_rng(len(session.casts))
+        some = rng.choice(xy, _CHOICE) * np.stack(
+            [rng.choice([-1, 1], _CHOICE), np.ones(_CHOICE)], 1
+        )
+        known = np.array([one.target_xy for one in self.tries]).reshape(-1, 1, 2)
+        return some[np.argmax(np.linalg.norm(some - known, axis=2).min(axis=0, initial=np.inf))]
+
+    def look_ahead(self) -> None:
+        """Find out whether another cast at the target of the last one is worth making."""
+        with self._lock:
+            session, last = self._need_session(), self.last
+            if last is None or any(one.hit for one in self.tries_at(last.target_xy)):
+                return
+            self.stop = session.stop_reason(session.propose(last.target_xy))
+            if not self.stop and session.is_done(last.target_xy):
+                self.stop = f"all {session.config.tries} tries at this target are used"
 
     def correct(self) -> Preview:
         """Plan the next cast at the target of the last one.
@@ -220,7 +262,7 @@ class Desk:
             if self.preview is None:
                 raise InputError("nothing is planned: choose a target first")
             session = self._need_session()
-            if self.phase is Phase.LANDED:
+            if self.phase in (Phase.LANDED, Phase.DONE):
                 self.aim(self.preview.proposal.target_xy)
             preview, self._casting = self.preview, True
         try:
@@ -246,7 +288,7 @@ class Desk:
             if last is None:
                 raise InputError("there is no try to undo")
             self._need_session().undo(last.number)
-            self.preview = None
+            self.preview, self.stop = None, ""
             self.message = f"Try {last.number} is taken back: no plan uses it from now on."
             return last
 
@@ -254,8 +296,7 @@ class Desk:
         """Return a motion as the simulator sees it."""
         return ShownCast.simulated(trajectory, self.setup, self.engine, self.dynamics)
 
-    def _plan(self, session: AimSession, target: NDArray[np.float64]) -> Preview:
-        proposal = session.propose(target)
+    def _preview(self, session: AimSession, proposal: Proposal) -> Preview:
         action = proposal.action.to_array()
         rightward = action if action[1] > 0 else mirror_actions(action, -1)
         limits = check_grip_paths(proposal.trajectory.grip_path, self.setup)
@@ -270,7 +311,7 @@ class Desk:
         """Plan for nobody: the first plan of a session takes several times as long as others."""
         landings = session.model.policy.predicted_xy
         away = np.linalg.norm(landings - np.median(landings, axis=0), axis=1)
-        self._plan(session, landings[np.argmin(away)])
+        self._preview(session, session.propose(landings[np.argmin(away)]))
 
     def _need_session(self) -> AimSession:
         if self.session is None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cast import Cast, TrialStatus
+from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.conventions import xy_to_polar
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.schema import INFO_PATH, read_info
@@ -52,13 +52,17 @@ class ShownCast:
     @classmethod
     def of_cast(cls, cast: Cast) -> "ShownCast":
         """Return a cast on a rig, with the commanded joints where the rig reported none."""
-        track = cast.track
+        return cls.of_track(cast.track, cast.joint_path)
+
+    @classmethod
+    def of_track(cls, track: EndpointTrack, joint_path: JointPath | None) -> "ShownCast":
+        """Return what a rig saw, with these commanded joints where it reported none."""
         times = np.arange(0.0, float(track.times[-1]) + 1e-9, FRAME_DT)
         return cls(
             times=times,
             endpoint_xy=_smooth(track.times, track.endpoint_xy, times),
             nodes=None if track.nodes is None else _smooth(track.times, track.nodes, times),
-            joint_path=track.joint_path or cast.joint_path,
+            joint_path=track.joint_path or joint_path,
         )
 
     @classmethod
@@ -75,6 +79,12 @@ class ShownCast:
             nodes=None if rollout.nodes is None else rollout.nodes[0],
             joint_path=trajectory.joint_path,
         )
+
+    @classmethod
+    def of_motion(cls, motion: Trajectory) -> "ShownCast":
+        """Return the commanded motion of the arm alone."""
+        times = np.array([0.0, motion.duration])
+        return cls(times=times, endpoint_xy=np.full((2, 2), np.nan), joint_path=motion.joint_path)
 
     @property
     def duration(self) -> float:

@@ -1,5 +1,6 @@
 """The page: the scene and the controls of a desk, for any number of tabs that see the same."""
 
+import collections
 import dataclasses
 import os
 import pathlib
@@ -13,24 +14,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.config import AimConfig
 from cablecast.cable import PARAMS, CableParams
-from cablecast.cast import TrialStatus
+from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.conventions import polar_to_xy
 from cablecast.errors import CablecastError, InputError
 from cablecast.motion.action import Action
-from cablecast.motion.trajectory import plan_trajectory
-from cablecast.pipeline.aim import prepare_aim
+from cablecast.motion.trajectory import Trajectory, plan_trajectory
+from cablecast.pipeline.aim import SESSION_FOLDER, prepare_aim
 from cablecast.pipeline.places import require
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import METRICS_FILE
-from cablecast.runs.places import MODEL_FOLDER
 from cablecast.runs.progress import ProgressCallback
 from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.film import KINDS, FilmConfig, write_film
 from cablecast.view.look import Collection, Shot, ShownCast, open_collection
 from cablecast.view.scene import FIGURE_COLORS, Stage, start_server, stop_server, update
-from cablecast.view.shapes import BLUE, miss_map, viewpoint
+from cablecast.view.shapes import BLUE, SLATE, miss_map, viewpoint
 from cablecast.view.words import (
     legend_text,
     plan_text,
@@ -39,9 +38,8 @@ from cablecast.view.words import (
     tour_text,
     tries_text,
     try_name,
-    work_text,
 )
-from cablecast.view.worker import WORKS, Work, Worker, WorkState, long_work
+from cablecast.view.worker import Work, Worker, WorkState
 
 if TYPE_CHECKING:
     import viser
@@ -68,6 +66,11 @@ SLIDERS = (
 
 FACTOR_MAX = 10.0
 """Sliders multiply a parameter by up to this factor, or divide it."""
+
+PHONE_STYLE = """<style>
+@media (max-width: 36em) { [style*="width: 20em"] { width: 100% !important; } }
+</style>"""
+"""Lets viser's panel fill a phone's width: its own has 20 em there, which leaves a part empty."""
 
 _RESHAPED = 0.02  # Change of the picture's shape that moves the camera.
 _ROUNDS = 3  # Times that a ghost plays: a page that always moves keeps a fan busy.
@@ -116,6 +119,7 @@ class Page:
         self._show_time: Callable[[float], None] = lambda time: None
         self.server = start_server(host, port)
         gui: Any = self.server.gui
+        gui.add_html(PHONE_STYLE)
         gui.set_panel_label("cablecast")
         gui.main_panel.dock_right()
         self.stage = Stage(
@@ -124,14 +128,13 @@ class Page:
         camera = self.server.initial_camera
         camera.position, camera.look_at, camera.fov = viewpoint(desk.setup, WIDE)
         self._refreshers: list[Callable[[], None]] = []
+        self._unseen: collections.deque[ShownCast] = collections.deque()
         self._ended = threading.Event()
         tabs = gui.add_tab_group()
         with tabs.add_tab("Cast"):
             self._add_cast_tab(gui)
         with tabs.add_tab("Look"):
             self.look = LookTab(self, gui, folder)
-        with tabs.add_tab("Work"):
-            self._add_work_tab(gui, folder.parent)
         with tabs.add_tab("Share"):
             self._add_share_tab(gui)
         self._add_playback(gui)
@@ -140,7 +143,9 @@ class Page:
             self._add_camera(gui)
         self.set_dark(dark)
         self._rest: ShownCast | None = None
-        self.server.scene.on_click()(self._clicked)
+        # Not the scene's own clicks: those leave out taps of a finger.
+        self.stage.table.on_click(self._clicked)
+        desk.rig.watch = self._watch
         self.server.on_client_connect(self._welcome)
         worker.notify = self.refresh
         self.show_rest()
@@ -168,6 +173,14 @@ class Page:
     def aim(self, xy: ArrayLike) -> None:
         """Choose a target and show its plan."""
         self.guard(lambda: self._show_plan(self.desk.aim(xy)))
+        if self.desk.phase is Phase.READY:
+            # Nothing of the target before stands for one that was refused.
+            self.show_rest()
+            self.stage.table.clear()
+
+    def aim_elsewhere(self) -> None:
+        """Choose another target, which simulated casts reach."""
+        self.guard(lambda: self.aim(self.desk.other_target()))
 
     def aim_polar(self, r: float, theta_deg: float) -> None:
         """Choose a target by its distance [m] and its angle [deg]."""
@@ -306,8 +319,24 @@ class Page:
             self.stage.hide("plan")
 
         self.stage.play(casts, done=landed)
+        self.desk.look_ahead()
 
-    def _clicked(self, event: "viser.SceneClickEvent") -> None:
+    def _watch(self, motion: Trajectory, track: EndpointTrack | None) -> None:
+        """Play what the rig is made to do, and what it saw, one after another, before any plan."""
+        if self.desk.session is None:
+            joints = motion.joint_path
+            shown = (
+                ShownCast.of_motion(motion) if track is None else ShownCast.of_track(track, joints)
+            )
+            self._unseen.append(shown)
+            if not self.stage.player.playing:
+                self._play_unseen()
+
+    def _play_unseen(self) -> None:
+        if self._unseen and self.desk.session is None:
+            self.stage.play({"measured": self._unseen.popleft()}, done=self._play_unseen)
+
+    def _clicked(self, event: "viser.SceneNodePointerEvent[Any]") -> None:
         """Aim where the ray through the pointer meets the table."""
         origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
         if direction[2] < -1e-6:
@@ -342,6 +371,12 @@ class Page:
         cast.on_click(lambda _: self._confirm(gui, self.cast))
         correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
         correct.on_click(lambda _: self._confirm(gui, self.correct))
+        other = gui.add_button("Another target", color="blue", icon="target")
+        other.on_click(lambda _: self.aim_elsewhere())
+        anyway = gui.add_button("Cast all the same", color=SLATE)
+        anyway.on_click(
+            lambda _: self._confirm(gui, self.cast if desk.phase is Phase.PLANNED else self.correct)
+        )
         stop = gui.add_button("Stop", color="red", icon="hand-stop")
         stop.on_click(lambda _: worker.stop())
         bar = gui.add_progress_bar(0.0, animated=True)
@@ -351,18 +386,18 @@ class Page:
             reach = desk.setup.workspace.reach(desk.setup.cable.length)
             r = gui.add_number("r [m]", 1.1, min=0.0, max=round(reach, 3), step=0.01)
             theta = gui.add_number("theta [deg]", 0.0, min=-90.0, max=90.0, step=0.5)
-            gui.add_button("Plan", color="gray").on_click(
+            gui.add_button("Plan", color=SLATE).on_click(
                 lambda _: self.aim_polar(r.value, theta.value)
             )
         tries = gui.add_folder("Tries")
         with tries:
             table = gui.add_markdown("")
             chosen = gui.add_dropdown("Try", ("-",))
-            replay = gui.add_button("Replay", color="gray", icon="repeat")
-            undo = gui.add_button("Undo the last try", color="gray", icon="arrow-back-up")
+            replay = gui.add_button("Replay", color=SLATE, icon="repeat")
+            undo = gui.add_button("Undo the last try", color=SLATE, icon="arrow-back-up")
             undo.on_click(lambda _: self.undo())
             due = gui.add_markdown("", visible=False)
-            refit = gui.add_button("Fit to all casts", color="gray", icon="refresh")
+            refit = gui.add_button("Fit to all casts", color=SLATE, icon="refresh")
             refit.on_click(lambda _: self.refit())
 
         @replay.on_click
@@ -376,9 +411,12 @@ class Page:
             busy = bool(state.name)
             update(status, content=status_text(desk, state))
             update(make, visible=phase is Phase.NO_MODEL, disabled=busy)
-            can_cast = phase in (Phase.READY, Phase.PLANNED, Phase.CASTING)
+            stopped = phase in (Phase.PLANNED, Phase.DONE) and bool(desk.stop)
+            can_cast = phase in (Phase.READY, Phase.PLANNED, Phase.CASTING) and not stopped
             update(cast, visible=can_cast, disabled=busy or preview is None)
             update(correct, visible=phase is Phase.LANDED, disabled=busy)
+            update(other, visible=phase is Phase.DONE or stopped, disabled=busy)
+            update(anyway, visible=stopped, disabled=busy)
             update(stop, visible=busy)
             _refresh_bar(bar, state)
             update(plan, content="" if preview is None else plan_text(preview, desk))
@@ -392,7 +430,7 @@ class Page:
             update(undo, disabled=busy or desk.last is None)
             reason = "" if desk.session is None else desk.session.refit_reason
             update(due, visible=bool(reason), content=f"A new fit is worth it: {reason}.")
-            update(refit, color="blue" if reason else "gray", disabled=busy)
+            update(refit, color="blue" if reason else SLATE, disabled=busy)
 
         self._refreshers.append(refresh)
 
@@ -411,45 +449,6 @@ class Page:
         def _(event: Any) -> None:
             modal.close()
             action()
-
-    def _add_work_tab(self, gui: Any, home: pathlib.Path) -> None:
-        """Add kind and amount of some work in a folder, its progress, and a stop."""
-        gui.add_markdown(
-            f"The steps of the pipeline, in `{home}`. What was stopped goes on when it is started "
-            "again, here or by its verb on the command line."
-        )
-        kind = gui.add_dropdown("Work", tuple(WORKS))
-        amount = gui.add_number("casts", WORKS["collect"].amount, min=1, step=1)
-        says = gui.add_markdown("")
-        start = gui.add_button("Start, or go on", color="blue", icon="player-play-filled")
-        stop = gui.add_button("Stop the work", color="red", icon="hand-stop")
-        stop.on_click(lambda _: self.worker.stop())
-        bar = gui.add_progress_bar(0.0)
-        status = gui.add_markdown("")
-
-        def suggest() -> None:
-            work = WORKS[str(kind.value)]
-            amount.visible, amount.label = bool(work.unit), work.unit or "amount"
-            amount.value = work.amount
-            says.content = f"`{kind.value}`: {work.says}, into `{work.folder}`."
-
-        def submit() -> None:
-            name = str(kind.value)
-            work = long_work(name, self.desk.rig, home, int(amount.value))
-            self.worker.submit(name, work)
-
-        def refresh() -> None:
-            state = self.worker.state
-            busy = bool(state.name)
-            update(start, disabled=busy)
-            update(stop, visible=busy)
-            _refresh_bar(bar, state)
-            update(status, content=work_text(state) if busy else state.message)
-
-        kind.on_update(lambda _: suggest())
-        start.on_click(lambda _: self.guard(submit))
-        suggest()
-        self._refreshers.append(refresh)
 
     def _add_share_tab(self, gui: Any) -> None:
         """Add casts, kind and size of a film, which is sent to the browser."""
@@ -497,7 +496,7 @@ class Page:
         with gui.add_folder("Playback"):
             slider = gui.add_slider("time [s]", 0.0, 5.0, 0.02, 0.0)
             speed = gui.add_dropdown("speed", tuple(_SPEEDS), initial_value="1")
-            play = gui.add_button("Play or pause", color="gray", icon="player-play")
+            play = gui.add_button("Play or pause", color=SLATE, icon="player-play")
         play.on_click(lambda _: player.toggle())
 
         @slider.on_update
@@ -526,7 +525,7 @@ class Page:
         """Add the map of expected misses, and dark colours."""
         with gui.add_folder("View", expand_by_default=False):
             box = gui.add_checkbox("Where it can land", False, disabled=True)
-            legend = gui.add_markdown(legend_text(), visible=False)
+            legend = gui.add_html(legend_text(self.desk.setup.cable.length), visible=False)
             dark_box = gui.add_checkbox("Dark", dark)
         dark_box.on_update(lambda _: self.set_dark(dark_box.value))
 
@@ -622,7 +621,7 @@ class LookTab:
         }
         for kind, box in self._boxes.items():
             box.on_update(self._by_hand(lambda kind=kind, box=box: self.tick(kind, box.value)))
-        self._mujoco = gui.add_button("Compare with MuJoCo", color="gray", disabled=True)
+        self._mujoco = gui.add_button("Compare with MuJoCo", color=SLATE, disabled=True)
         self._mujoco.on_click(lambda _: page.guard(lambda: self.tick("MuJoCo", True)))
         self._text = gui.add_markdown("")
         with gui.add_folder("Parameters of the cable (powers of ten)"):
@@ -776,7 +775,7 @@ def serve(
         MissingExtraError: A library of the page is not installed.
         InputError: The file of meshes shows another arm.
     """
-    require("the page", "viser", "trimesh", "torch", "safetensors")
+    require("the page", "viser", "trimesh")
     meshes = None if arm_meshes is None else ArmMeshes(arm_meshes, rig.setup.arm)
     folder = pathlib.Path(folder)
     desk, worker = Desk(rig), Worker()
@@ -789,7 +788,7 @@ def serve(
     try:
         if ready is not None:
             ready(page.address)
-        if (folder / MODEL_FOLDER / METRICS_FILE).exists():
+        if (folder / SESSION_FOLDER).exists():
             page.prepare()
         worker.run()
     finally:

@@ -66,6 +66,7 @@ FIGURE_COLORS: dict[str, Color] = {
 """Colours of the figures of a stage; that of the measured cast is the paint's."""
 
 _PLAN_OPACITY = 0.5
+_REST_OPACITY = 0.25
 _EARLIER = (123, 135, 148)  # Colour of the landings before the last.
 _TEXT_HEIGHT = 0.07  # Of the text at a landing [m].
 _TEXT_AWAY = 0.1  # Distance of that text from the landing [m].
@@ -73,6 +74,7 @@ _TEXT_ROOM = np.array([0.22, 0.08])  # Nearer to the last text, an earlier numbe
 _TEXT_LIFT = 0.03  # Height of that text, above any cable on the table [m].
 _BALL_RADIUS = 0.016  # Of the attachment at the free end [m].
 _THICKNESS = 0.04  # Of the table's top [m].
+_GROUND = 20.0  # Half of the width of the unseen ground that answers to clicks [m].
 _AXIS = 0.28  # Length of the base frame's axes, which end beyond the arm's foot [m].
 # An image of viser lies in its own x-y plane with y down, so it is turned about x.
 _FLAT = (0.0, 1.0, 0.0, 0.0)
@@ -116,8 +118,14 @@ class MeshesDrawing:
     def __init__(self, server: "viser.ViserServer", name: str, meshes: ArmMeshes):
         self._meshes = meshes
         self._handles = [
-            server.scene.add_mesh_trimesh(
-                f"{name}/{piece}", mesh, cast_shadow=False, receive_shadow=False
+            server.scene.add_mesh_simple(
+                f"{name}/{piece}",
+                mesh.vertices.astype(np.float32),
+                mesh.faces.astype(np.uint32),
+                color=mesh.color,
+                flat_shading=True,
+                cast_shadow=False,
+                receive_shadow=False,
             )
             for piece, mesh in meshes.pieces.items()
         ]
@@ -127,10 +135,10 @@ class MeshesDrawing:
         for handle, quat, position in zip(self._handles, *self._meshes.poses(q), strict=True):
             handle.wxyz, handle.position = quat, position
 
-    def show(self, visible: bool) -> None:
-        """Show or hide it."""
+    def show(self, visible: bool, opacity: float | None) -> None:
+        """Show it with an opacity, None for a solid one, or hide it."""
         for handle in self._handles:
-            update(handle, visible=visible)
+            update(handle, visible=visible, opacity=opacity)
 
 
 class RodsDrawing:
@@ -186,10 +194,10 @@ class RodsDrawing:
         self._rods.batched_colors = np.array(_linear(color), dtype=np.uint8)
         self._balls.batched_colors = np.array(_linear(joint_color), dtype=np.uint8)
 
-    def show(self, visible: bool) -> None:
-        """Show or hide them."""
-        update(self._rods, visible=visible)
-        update(self._balls, visible=visible)
+    def show(self, visible: bool, opacity: float | None) -> None:
+        """Show them with an opacity, None for solid ones, or hide them."""
+        update(self._rods, visible=visible, opacity=opacity)
+        update(self._balls, visible=visible, opacity=opacity)
 
 
 def _linear(color: Color) -> Color:
@@ -229,6 +237,7 @@ class Figure:
     ):
         self._server, self._name, self._setup = server, name, setup
         self._color, self._opacity, self.with_arm = color, opacity, with_arm
+        self._arm_opacity = None if opacity is None else 0.5 * opacity
         self._paint, self._meshes = paint, meshes
         self._rods: RodsDrawing | None = None
         self._drawn_meshes: MeshesDrawing | None = None
@@ -262,9 +271,10 @@ class Figure:
         q, nodes = cast.joints_at(time), cast.nodes_at(time)
         if q is not None and self.with_arm:
             self._draw_arm(q)
-        for drawing in (self._rods, self._drawn_meshes):
-            if drawing is not None:
-                drawing.show(self.with_arm)
+        # An arm at rest fades: it may stand between the eye and the landing.
+        if self._opacity is None:
+            self._arm_opacity = _REST_OPACITY if time >= cast.duration else None
+        self._show_arm(self.with_arm)
         if nodes is not None:
             self._draw_cable(nodes)
         tip = nodes[-1] if nodes is not None else np.append(cast.endpoint_at(time), 0.01)
@@ -275,6 +285,11 @@ class Figure:
         update(self._trail, visible=len(trail) > 1)
         if len(trail) > 1:
             self._trail.vertices = ribbon(trail, 2 * LIFT)[0].astype(np.float32)
+
+    def _show_arm(self, visible: bool) -> None:
+        for drawing in (self._rods, self._drawn_meshes):
+            if drawing is not None:
+                drawing.show(visible, self._arm_opacity)
 
     def _draw_arm(self, q: Array) -> None:
         arm = self._setup.arm
@@ -293,7 +308,7 @@ class Figure:
                 rods,
                 self._paint.arm if is_solid else self._color,
                 joint_color=self._paint.joint if is_solid else None,
-                opacity=None if self._opacity is None else 0.5 * self._opacity,
+                opacity=self._arm_opacity,
             )
         self._rods.move(rods)
 
@@ -333,9 +348,7 @@ class Figure:
         if visible == self._visible:
             return
         self._visible = visible
-        for drawing in (self._rods, self._drawn_meshes):
-            if drawing is not None:
-                drawing.show(visible and self.with_arm)
+        self._show_arm(visible and self.with_arm)
         for handle in (self._tip, self._trail, self._cable):
             if handle is not None:
                 handle.visible = visible
@@ -359,6 +372,20 @@ class Table:
             "/light/lamp", color=(255, 250, 240), intensity=1.6, position=(-1.0, -1.5, 3.0)
         )
         self._draw()
+
+    def on_click(self, action: Callable[["viser.SceneNodePointerEvent[Any]"], None]) -> None:
+        """Call a function for each click or tap into the picture."""
+        corners = _GROUND * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        ground = self._server.scene.add_mesh_simple(
+            "/room/ground",
+            corners.astype(np.float32),
+            np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32),
+            opacity=0.0,
+            position=(0.0, 0.0, -2 * _THICKNESS),
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        ground.on_click(action)
 
     def repaint(self, paint: Paint) -> None:
         """Take the colours of a light or dark scene."""
@@ -391,7 +418,7 @@ class Table:
             self._text(f"/room/scale/{name}", f"{x:g} m", (x, edge, 0.0))
         for y in np.arange(0.5 * max(1, np.ceil(2 * table.y_min)), table.y_max + 1e-6, 0.5):
             name = f"y/{y:g}".replace(".", "_")
-            self._text(f"/room/scale/{name}", f"{y:g} m", (-table.half_width - 0.13, y, 0.0))
+            self._text(f"/room/scale/{name}", f"{y:g} m", (0.14 - table.half_width, y, LIFT))
         scene.add_frame(
             "/room/base", axes_length=_AXIS, axes_radius=0.006, position=(0.0, 0.0, 0.004)
         )

@@ -20,6 +20,7 @@ GREEN: Color = (0, 158, 115)
 PURPLE: Color = (204, 121, 167)
 SKY: Color = (86, 180, 233)
 INK: Color = (31, 41, 51)
+SLATE: Color = (71, 85, 105)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -79,7 +80,10 @@ _MAP_STEP = 0.04  # Distance of the targets of the map [m].
 _HATCH_STEP = 0.03  # Distance of the lines across a place that the camera is blind at [m].
 _TUBE_SIDES = 6
 _BALL_SHARE = 1.07  # Balls are wider than the rods, or both surfaces would show in patches.
-_ASPECT = 1.65  # A picture of this shape shows a whole table from a distance of its width.
+_FOV, _ELEVATION = np.radians(44.0), np.radians(74.0)  # Steep: the arm hides little of the table.
+_SCALE_ROOM = np.array([0.04, 0.14])  # Room beside the table, and for the scale before it [m].
+_MAP_DETAIL = 4  # Pixels of the map's picture for each of its targets, along both sides.
+_MAP_OPACITY = 190.0  # Of 255: lines and words below the map shine through a little.
 _PLATE = 190  # Of 255: what lies below words shines through a little.
 _PIXELS = 48  # Height of words, enough for a window that shows one table.
 
@@ -280,15 +284,22 @@ def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float
         Position and point looked at [m], shape [3], and the vertical field of view [rad].
     """
     table = setup.workspace
-    middle = (table.y_min + table.y_max) / 2
-    # A picture narrower than the table is seen from farther away.
-    width = 2 * table.half_width * max(1.0, _ASPECT / max(aspect, 0.2))
-    span = max(width, 1.7 * (table.y_max - table.y_min))
-    # In a tall picture the table stands in the upper half, above the panel, and is seen from higher
-    # up, so that a finger has more of it to point at.
-    low, direction = (0.04, (-0.52, 0.74)) if aspect > 1.0 else (0.19, (-0.28, 0.86))
-    look_at = np.array([0.0, middle - low * span, 0.0])
-    return look_at + span * np.array([0.0, *direction]), look_at, float(np.radians(44))
+    x, near = np.array([table.half_width, table.y_min]) + _SCALE_ROOM * [1.0, -1.0]
+    depth = table.y_max - near
+    # The band of the picture that the table fills. In a tall one the panel covers the lower part.
+    low, high = (-0.95, 0.95) if aspect > 1.0 else (0.24, 0.97)
+    tan, sin, cos = np.tan(_FOV / 2), np.sin(_ELEVATION), np.cos(_ELEVATION)
+    # Distance along the view of the near edge: it fits the width, and both edges the band.
+    first = max(
+        x / (0.97 * tan * max(aspect, 0.2)),
+        depth * (sin / tan - high * cos) / (high - low),
+    )
+    last = first + depth * cos
+    # Both edges are as far from the middle of the band.
+    y = (near / first + table.y_max / last - (low + high) * tan / sin) / (1 / first + 1 / last)
+    look_at = np.array([0.0, y, 0.0])
+    away = first - (near - y) * cos
+    return look_at + away * np.array([0.0, -cos, sin]), look_at, float(_FOV)
 
 
 def miss_map(policy: Policy, step: float = _MAP_STEP) -> tuple[Array, Array]:
@@ -320,15 +331,20 @@ def miss_map(policy: Policy, step: float = _MAP_STEP) -> tuple[Array, Array]:
 def map_image(miss: Array, length: float) -> NDArray[np.uint8]:
     """Return misses of `miss_map` [m], for a cable's length [m], as an image, far edge first.
 
-    Its shape is [row, column, 4].
+    Its shape is [row, column, 4], with `_MAP_DETAIL` times as many rows and columns.
     """
-    share = np.clip(miss / (MAP_FULL_SHARE * length), 0.0, 1.0)
-    at = 2.0 * np.nan_to_num(share)
+    from scipy.ndimage import zoom
+
+    known = np.isfinite(miss).astype(float)
+    weight, sums = (
+        np.asarray(zoom(values, _MAP_DETAIL, order=1, grid_mode=True, mode="nearest"))
+        for values in (known, np.nan_to_num(miss))
+    )
+    at = 2.0 * np.clip(sums / np.maximum(weight, 1e-9) / (MAP_FULL_SHARE * length), 0.0, 1.0)
     low = np.clip(at.astype(int), 0, 1)
     part = (at - low)[..., None]
     colors = (1.0 - part) * MAP_COLORS[low] + part * MAP_COLORS[low + 1]
-    opacity = np.where(np.isfinite(share), 120.0, 0.0)
-    image = np.concatenate([colors, opacity[..., None]], axis=-1)
+    image = np.concatenate([colors, _MAP_OPACITY * (weight[..., None] > 0.5)], axis=-1)
     return np.flipud(image).astype(np.uint8)
 
 

@@ -1,11 +1,14 @@
 """Words of the page, in Markdown: the state of the table, a plan, the tries, the map."""
 
 import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cablecast.cast import Cast
+from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
+from cablecast.report.words import region_text
 from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.scene import EXPECTED_SHARE
@@ -15,16 +18,15 @@ from cablecast.view.worker import WorkState
 _ROWS = 5  # Tries in the table; the others can be chosen from the list below it.
 _WORTH_SAYING = 0.1  # Chance of a cast without a landing that is worth a line.
 
-# The first four are the steps of `prepare_aim`.
+# The first three are the steps of `prepare_aim`.
 _TOUR = (
     "**Cast a few times.** The rig casts, and it is seen where the cable goes.",
     "**Fit.** The simulated cable is changed until it moves as yours did.",
     "**Simulate.** It casts in every way that the arm can move.",
-    "**Train.** A model predicts where those casts land.",
     "**Point.** Choose a target with a click: a ghost shows the planned cast.",
     "**Cast.** Watch the cable, and read how far it missed. Then correct, and cast again.",
 )
-_PREPARED_COUNT = 4
+_PREPARED_COUNT = 3
 
 
 def tour_text(desk: Desk, state: WorkState) -> str:
@@ -32,7 +34,7 @@ def tour_text(desk: Desk, state: WorkState) -> str:
     if desk.tries:
         return ""
     if desk.session is None:
-        now = max(state.step, 1) if state.name else 0
+        now = min(max(state.step, 1), _PREPARED_COUNT) if state.name else 0
     else:
         now = _PREPARED_COUNT + (1 if desk.preview is None else 2)
     lines = []
@@ -46,14 +48,21 @@ def status_text(desk: Desk, state: WorkState) -> str:
     """Return the state of the table, and what to do next."""
     if state.name:
         return work_text(state)
-    news = state.message or desk.message
-    last = desk.last
-    head = desk.phase.value
-    if desk.phase is Phase.LANDED and last is not None and math.isfinite(last.miss_pct):
+    phase, last, news = desk.phase, desk.last, state.message or desk.message
+    head, length = phase.value, desk.setup.cable.length
+    if phase is Phase.PLANNED and desk.stop:
+        head = "This cast is nearly certain to miss. Choose another target."
+    if phase in (Phase.LANDED, Phase.DONE) and last is not None and math.isfinite(last.miss_pct):
         verdict = "Hit" if last.hit else "Landed"
-        centimetres = last.miss_pct * desk.setup.cable.length
-        head = f"{verdict}: {centimetres:.1f} cm ({last.miss_pct:.1f} %) from the target. {head}"
+        head = f"{verdict}: {_length_text(last.miss_pct, length)} from the target. {head}"
+    if desk.stop:
+        news = f"another cast is not worth it: {desk.stop}" if phase is Phase.DONE else desk.stop
     return f"**{head}**" + (f"\n\n{news[:1].upper()}{news[1:]}" if news else "")
+
+
+def _length_text(pct: float, length: float) -> str:
+    """Return a share of the cable's length [%] in centimetres, too."""
+    return f"{pct * length:.1f} cm ({pct:.1f} %)"
 
 
 def work_text(state: WorkState) -> str:
@@ -70,17 +79,18 @@ def work_text(state: WorkState) -> str:
 
 
 def plan_text(preview: Preview, desk: Desk) -> str:
-    """Return what to expect of a plan, as a table."""
+    """Return what to expect of a plan, as a table; once it is cast, what was expected."""
     proposal, length = preview.proposal, desk.setup.cable.length
+    if desk.phase in (Phase.LANDED, Phase.DONE):
+        return _landing_text(proposal, desk)
     r, theta = xy_to_polar(proposal.target_xy)
     offset = float(np.linalg.norm(proposal.expected_xy - proposal.target_xy))
-    major, minor = 100.0 / length * proposal.ellipse(EXPECTED_SHARE).semi_axes
     shares, names = 100.0 * preview.limit_shares, desk.setup.arm.joint_names
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
         ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
-        ("expected", f"{100 * offset:.1f} cm ({100 * offset / length:.1f} %) beside it"),
-        (f"{100 * EXPECTED_SHARE:.0f} % land", f"within {major:.0f} by {minor:.0f} %"),
+        ("expected", f"{_length_text(100 * offset / length, length)} beside it"),
+        (f"{100 * EXPECTED_SHARE:.0f} % land", f"in {region_text(proposal, EXPECTED_SHARE)}"),
         ("duration", f"{proposal.trajectory.duration:.2f} s"),
         ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({names[fastest]})"),
         ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({names[hardest]})"),
@@ -88,47 +98,69 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     ]
     if proposal.failure > _WORTH_SAYING:
         rows.append(("may fail", f"{100 * proposal.failure:.0f} % hidden or off the table"))
-    lines = ["| plan | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)]
-    if not proposal.inside_coverage:
-        lines.append("\nNo simulated cast lands here: this is the nearest.")
-    return "\n".join(lines)
+    return _table(("plan", ""), rows)
+
+
+def _landing_text(proposal: Proposal, desk: Desk) -> str:
+    """Return how the last cast landed beside what was expected of it, as a table."""
+    length = desk.setup.cable.length
+    rows = [("target", _target_text(proposal.target_xy))]
+    last = desk.last
+    if last is not None and last.landed:
+        off = 100 * float(np.linalg.norm(last.final_xy - proposal.expected_xy)) / length
+        inside = last.square <= proposal.law.square(EXPECTED_SHARE)
+        rows += [
+            ("landed", f"{_length_text(last.miss_pct, length)} beside it"),
+            ("expected", f"{_length_text(off, length)} from there"),
+            (
+                f"{100 * EXPECTED_SHARE:.0f} % region",
+                f"{region_text(proposal, EXPECTED_SHARE)}: landed {'in' if inside else 'out'}side",
+            ),
+        ]
+    return _table((f"try {proposal.try_number}", ""), rows)
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown whose heads stand above their columns."""
+    lines = [heads, [":--"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def tries_text(desk: Desk) -> str:
     """Return the last tries as a table."""
-    lines = ["| try | target | miss |", "|---|---|---|"]
+    rows = []
     for one in desk.tries[-_ROWS:]:
         miss = one.status.code.replace("_", " ")
         if math.isfinite(one.miss_pct):
-            miss = f"{one.miss_pct * desk.setup.cable.length:.1f} cm, {one.miss_pct:.1f} %"
+            miss = _length_text(one.miss_pct, desk.setup.cable.length)
         if desk.is_undone(one):
             miss = f"~~{miss}~~"
         if one.hit:
             miss = f"**{miss}**"
-        lines.append(f"| {one.try_number} | {_target_text(one)} | {miss} |")
-    return "\n".join(lines)
+        rows.append((f"{one.try_number}", _target_text(one.target_xy), miss))
+    return _table(("try", "target", "miss"), rows)
 
 
 def try_name(one: Cast) -> str:
     """Return the name of a try in a list."""
-    return f"{one.number}: {_target_text(one)}, try {one.try_number}"
+    return f"{one.number}: {_target_text(one.target_xy)}, try {one.try_number}"
 
 
-def _target_text(one: Cast) -> str:
-    r, theta = xy_to_polar(one.target_xy)
+def _target_text(xy: NDArray[np.float64]) -> str:
+    r, theta = xy_to_polar(xy)
     return f"{r:.2f} m, {math.degrees(theta):.0f}°"
 
 
-def legend_text() -> str:
-    """Return what the colours of the map of expected misses mean."""
-    shares = 100.0 * MAP_FULL_SHARE * np.linspace(0.0, 1.0, len(MAP_COLORS))
-    scale = ", ".join(
-        f"{swatch(tuple(color))} {share:.3g}"
-        for color, share in zip(MAP_COLORS.astype(int), shares, strict=True)
-    )
+def legend_text(length: float) -> str:
+    """Return the scale of the map of expected misses, for a cable's length [m], as HTML."""
+    colors = ", ".join(f"rgb({r:.0f}, {g:.0f}, {b:.0f})" for r, g, b in MAP_COLORS)
+    ends = 100.0 * MAP_FULL_SHARE * length * np.linspace(0.0, 1.0, len(MAP_COLORS))
+    ticks = "".join(f"<span>{end:.0f} cm</span>" for end in ends[:-1])
     return (
-        "Expected miss of a first cast, with what an action that is off by 1° and 1 cm adds, in % "
-        f"of the cable's length: {scale} and more"
+        '<div style="margin: 0 1em 0.8em; font-size: 0.85em">Expected miss of a first cast'
+        f'<div style="height: 1em; background: linear-gradient(90deg, {colors})"></div>'
+        '<div style="display: flex; justify-content: space-between">'
+        f"{ticks}<span>{ends[-1]:.0f} cm and more</span></div></div>"
     )
 
 

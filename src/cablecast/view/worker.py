@@ -6,24 +6,15 @@ so that a robot stops, its connection is closed, and stored parts are kept.
 """
 
 import dataclasses
-import pathlib
 import queue
 import re
 import signal
 import threading
 from collections.abc import Callable
 
-from cablecast.data.dataset import read_dataset
-from cablecast.errors import CablecastError, InputError, check_count
-from cablecast.pipeline.collect import collect
-from cablecast.pipeline.simulate import simulate
-from cablecast.pipeline.train import train
-from cablecast.pipeline.tune import tune
+from cablecast.errors import CablecastError, InputError
 from cablecast.rigs.base import error_line
-from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.places import CASTS_FOLDERS, DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import Pace, Progress, ProgressCallback
-from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
 
 Work = Callable[[ProgressCallback], None]
 
@@ -167,65 +158,3 @@ class Worker:
             self.state, progress=progress, seconds_left=left, step=step
         )
         self.notify()
-
-
-@dataclasses.dataclass(frozen=True)
-class LongWork:
-    """One kind of long work.
-
-    Attributes:
-        says: Purpose in a few words.
-        unit: Unit of its amount; empty where it has none.
-        amount: Usual amount.
-        amount_max: Largest amount.
-        folder: Folder that it fills, below that of the cable.
-    """
-
-    says: str
-    unit: str
-    amount: int
-    amount_max: int
-    folder: str
-
-
-WORKS = {
-    "collect": LongWork("cast on the rig", "casts", 20, 1000, CASTS_FOLDERS["tune"]),
-    "tune": LongWork("fit the simulator to the casts", "", 1, 1, TUNE_FOLDER),
-    "simulate": LongWork("simulate many casts", "casts", 16_000, 200_000, DATASET_FOLDER),
-    "train": LongWork("fit a model to the simulated casts", "epochs", 60, 1000, MODEL_FOLDER),
-}
-"""Kinds of long work by the name of the verb, in the order in which data flows."""
-
-
-def long_work(kind: str, rig: CheckedRig, home: pathlib.Path, amount: int) -> Work:
-    """Return some long work for a worker; a stopped one goes on when it is started again.
-
-    Args:
-        kind: Name of the work, see `WORKS`.
-        rig: Rig that collects and gives the set-up.
-        home: Folder of the cable's results, e.g. runs/cable_1.
-        amount: Casts or epochs.
-
-    Raises:
-        InputError: There is no such work, or the amount is out of bounds: nothing from a browser is
-            trusted.
-    """
-    if kind not in WORKS:
-        raise InputError(f"unknown work {kind[:40]!r}: one of {', '.join(WORKS)}")
-    known = WORKS[kind]
-    amount = check_count(known.unit or "amount", amount, 1, known.amount_max)
-    out = home / known.folder
-
-    def work(report: ProgressCallback) -> None:
-        if kind == "collect":
-            collect(rig, count=amount, out=out, progress=report)
-        elif kind == "tune":
-            tune(read_dataset(home / CASTS_FOLDERS["tune"]), out=out, progress=report)
-        elif kind == "simulate":
-            is_tuned = (home / TUNE_FOLDER / PARAMS_FILE).exists()
-            tuned = load_tuned(home / TUNE_FOLDER, rig.setup) if is_tuned else None
-            simulate(rig.setup, tuned, count=amount, out=out, progress=report)
-        else:
-            train(read_dataset(home / DATASET_FOLDER), epochs=amount, out=out, progress=report)
-
-    return work
