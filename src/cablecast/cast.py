@@ -104,7 +104,8 @@ class EndpointTrack:
             trajectory.
         controller_log: Reports of the arm's controller at the times of `joint_path`; None where
             there is no controller.
-        note: Why a trial was aborted, in one line; empty where there is nothing to say.
+        note: Why a trial was aborted, or what was corrected in it, in one line; empty where there
+            is nothing to say.
     """
 
     times: NDArray[np.float64]

@@ -183,6 +183,7 @@ class Dataset:
             nodes=nodes,
             joint_path=self.measured_joints(row),
             controller_log=self.controller_log(row),
+            note=str(self.extra["note"][row] or "") if "note" in self.extra else "",
         )
 
     def measured_joints(self, row: int) -> JointPath | None:

@@ -80,6 +80,7 @@ OPTIONAL_COLUMNS = (
     Column("purpose", "string", "-", "what the cast was made for"),
     Column("origin", "string", "-", "fingerprint of the dataset and the row it came from"),
     Column("proposal", "string", "-", "target and expected landing of the cast, as JSON"),
+    Column("note", "string", "-", "what was corrected in the cast"),
     Column("attempt", "int64", "-", "failed attempts before this one"),
     Column("rig", "string", "-", "description of the rig, as JSON"),
 )

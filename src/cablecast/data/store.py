@@ -65,6 +65,7 @@ def cast_row(cast: Cast) -> dict[str, Any]:
         "joint_q": None if commanded is None else commanded.q.ravel(),
         "actual_times": None if actual is None else actual.times,
         "actual_q": None if actual is None else actual.q.ravel(),
+        "note": track.note,
         **reported,
     }
 

@@ -23,7 +23,7 @@ from cablecast.vision.calibration import (
     find_board,
 )
 from cablecast.vision.check import CameraCheck, CameraReport
-from cablecast.vision.clock import ClockOffset, SeenMotion, sync_by_motion
+from cablecast.vision.clock import CastClock, ClockOffset
 from cablecast.vision.live import LiveCamera
 from cablecast.vision.trials import (
     ClockCamera,
@@ -112,13 +112,13 @@ def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffse
         InputError: A file makes no sense, or the motion was too short, or not seen.
     """
     settings, reported = require_camera(setup), _read_log(log, setup.arm.joint_count)
-    seen, first = SeenMotion(settings.row_time), []
-    for time, image in read_video(film)[1]:
+    info, frames = read_video(film)
+    clock, first = CastClock(info.width, settings.row_time), []
+    for time, image in frames:
         if len(first) < _CALIBRATION_FRAMES:
             first.append(image)
-        seen.look(image, time)
-    view = calibrate_camera(first, setup).view
-    return sync_by_motion(seen, reported, setup.arm, view)
+        clock.keep(image, time)
+    return clock.sync(reported, setup.arm, calibrate_camera(first, setup).view)
 
 
 def _read_log(path: pathlib.Path, joint_count: int) -> JointPath:

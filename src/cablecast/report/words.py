@@ -58,15 +58,16 @@ def _reason(action: NDArray[np.float64], earlier: list[Cast], proposal: Proposal
 
 def change_text(cast: Cast, session: AimSession) -> str:
     """Return what follows from the last cast of a session, which was aimed."""
+    note = f"{cast.track.note}. " if cast.track.note else ""
     if not cast.landed:
-        return "no landing: actions like this one are avoided from now on"
+        return f"{note}no landing: actions like this one are avoided from now on"
     # The simulators take a step only for a cast that follows.
     done = session.is_done(cast.target_xy)
     predictor = session.predictor if done else session.predictor_at(cast.target_xy)
     xy, _, scatter = predictor.predict(cast.action)
     moved = 100.0 * (xy[0] - cast.expected_xy)
     text = (
-        f"the expected landing of this action moves by {moved[0]:+.1f} cm in x and "
+        f"{note}the expected landing of this action moves by {moved[0]:+.1f} cm in x and "
         f"{moved[1]:+.1f} cm in y; equal casts scatter by {100.0 * scatter[0]:.1f} cm"
     )
     return f"{text}. {DRIFT_NOTE}" if session.drifted else text

@@ -191,7 +191,7 @@ class Chroma(NamedTuple):
     @classmethod
     def of(
         cls,
-        image: NDArray[np.generic],
+        image: NDArray[np.floating | np.uint8],
         hue_deg: float,
         light: NDArray[np.float64] | float = 1.0,
         cable_deg: float | None = None,
@@ -230,7 +230,9 @@ class Chroma(NamedTuple):
         return cv2.dilate(mask, np.ones((5, 5), np.uint8))
 
 
-def hues_of(image: NDArray[np.generic], light: NDArray[np.float64] | float = 1.0) -> list[float]:
+def hues_of(
+    image: NDArray[np.floating | np.uint8], light: NDArray[np.float64] | float = 1.0
+) -> list[float]:
     """Return the hues of the coloured things in a piece of a picture, most common first [deg]."""
     chroma = Chroma.of(image, 0.0, light)
     vivid = np.hypot(chroma.along, chroma.across) > max(1.5 * chroma.least, _VIVID_MIN)

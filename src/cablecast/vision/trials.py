@@ -17,13 +17,7 @@ from cablecast.errors import CameraError
 from cablecast.motion.trajectory import JointPath
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration, calibrate_view
-from cablecast.vision.clock import (
-    CastClock,
-    ClockOffset,
-    SeenMotion,
-    controller_shift,
-    sync_by_motion,
-)
+from cablecast.vision.clock import CastClock, ClockOffset, controller_shift
 from cablecast.vision.end_tag import make_tracker
 from cablecast.vision.live import Brightness, Frame, FrameWatch, LiveCamera
 from cablecast.vision.tags import detect_tags
@@ -41,8 +35,9 @@ _APART_MAX = 60.0
 """Largest distance of two times of one trial by both clocks, if these have been compared [s]."""
 _LATENCY_MAX = 0.25
 """Longest way of a frame from the sensor to this process [s]."""
-_CLOCK_OFF = 0.008
-"""Offset of the clocks in a cast that is no error of what was seen [s]."""
+_CLOCK_OFF, _CLOCK_REACH = 0.008, 1.0
+"""Offset of the clocks in a cast that is no error of what was seen, and largest one that is looked
+for [s]: the delay of a camera changed by up to 900 ms from start to start."""
 _CLOCK_CLEAR, _CLOCK_SD_MAX, _CLOCK_UNSEEN = 0.7, 0.004, 0.35
 """Share of what was seen, and largest standard deviation [s], with which an offset is clear; and
 share below which the arm was not seen."""
@@ -128,9 +123,6 @@ class CameraOfTrials:
         setup: Set-up with the section `camera`. Where that names a folder for films, each trial's
             film is kept there, named after the time at which the camera was opened and a number.
 
-    Attributes:
-        clock_words: Correction of the clocks in the last trial; None where they agreed.
-
     Raises:
         CameraError: There is no camera, or it cannot be opened.
         InputError: It does not see the tags of the layout.
@@ -144,7 +136,6 @@ class CameraOfTrials:
         self._start_xy = np.array([0.0, workspace.reset_y + setup.cable.length])
         self._opened_at = time.strftime("%Y%m%d-%H%M%S")
         self._film_count = 0
-        self.clock_words: str | None = None
         self._filming: _Filming | None = None
         self._last_xy: NDArray[np.float64] | None = None
         self._camera = LiveCamera(self.settings)
@@ -244,13 +235,22 @@ class CameraOfTrials:
                 f"the clocks of robot and camera are {abs(apart):.0f} s apart: one was started "
                 "anew, or they were never compared. Run `cablecast camera sync`"
             )
-        # A sample at the very end lies between two frames, with a shutter that rolls.
-        filming.finish(lambda frame: frame.time > end + 1.5 / self.settings.rate)
+        late, note = 0.0, None
+
+        def is_last(frame: Frame) -> bool:
+            # A sample at the very end lies between two frames, with a shutter that rolls.
+            nonlocal late, note
+            if frame.time <= end + late + 1.5 / self.settings.rate:
+                return False
+            if note is None:
+                late, note = self._check_clock(timing, shift)
+            return frame.time > end + late + 1.5 / self.settings.rate
+
+        filming.finish(is_last)
         if filming.latest is not None:
             self._latest = filming.latest.image
         self._sight = sight_of(self._tracker)
-        start += self._check_clock(timing, shift)
-        track = self._tracker.track(timing.end_time - timing.start_time, start)
+        track = self._tracker.track(timing.end_time - timing.start_time, start + late)
         if track.status is TrialStatus.OCCLUDED and filming.dropped_count:
             raise CameraError(
                 f"the endpoint was lost, and {filming.dropped_count} frames of this cast found no "
@@ -260,33 +260,34 @@ class CameraOfTrials:
         xy = self._tracker.frames[1]
         seen = xy[np.isfinite(xy).all(axis=1)]
         self._last_xy = seen[-1] if len(seen) else None
-        return dataclasses.replace(track, joint_path=timing.joint_path)
+        return dataclasses.replace(track, joint_path=timing.joint_path, note=note or "")
 
-    def _check_clock(self, timing: TrialTiming, shift: float) -> float:
+    def _check_clock(self, timing: TrialTiming, shift: float) -> tuple[float, str]:
         """Return by how much later by the camera's clock the cast began than was believed [s].
 
-        The arm is in the picture, and its way is known: so each cast compares the clocks.
+        The arm is in the picture, and its way is known: so each cast compares the clocks. The
+        second says what was corrected; it is empty where they agree.
 
         Raises:
             CameraError: They are off, and the cast does not tell by how much.
         """
-        self.clock_words, path = None, timing.joint_path
+        path = timing.joint_path
         if path is None:
-            return 0.0
+            return 0.0, ""
         reported = JointPath(times=path.times + timing.start_time, q=path.q, qd=path.qd)
-        found = self._cast_clock.compare(reported, self.setup.arm, self.calibration.view, shift)
+        arm, view = self.setup.arm, self.calibration.view
+        found = self._cast_clock.compare(reported, arm, view, shift, _CLOCK_REACH)
         if found is None:
-            return 0.0
+            return 0.0, ""
         known = self.settings.clock_offset_sd or 0.0
         if abs(found.offset) < max(_CLOCK_OFF, 3.0 * float(np.hypot(found.sd, known))):
-            return 0.0
+            return 0.0, ""
         off = f"the camera's clock is off by {1e3 * found.offset:+.0f} ms in this cast"
         if found.explained > _CLOCK_CLEAR and found.sd < _CLOCK_SD_MAX:
-            self.clock_words = f"{off}, +- {1e3 * found.sd:.0f} ms: corrected"
-            return -found.offset
+            return -found.offset, f"{off}, +- {1e3 * found.sd:.0f} ms: corrected"
         if found.explained < _CLOCK_UNSEEN:
             # Something else is seen there; that says nothing about clocks.
-            return 0.0
+            return 0.0, ""
         raise CameraError(
             f"{off}, but only {100 * found.explained:.0f} % of what moved agrees with that: run "
             "`cablecast camera sync`, and repeat the cast"
@@ -384,8 +385,8 @@ class ClockCamera(CameraOfTrials):
 
     def start(self) -> None:
         """Start to film."""
-        self._seen = SeenMotion(self.settings.row_time)
-        self._film(lambda frame: self._seen.look(frame.image, frame.time))
+        self._cast_clock = clock = CastClock(self._camera.facts.width, self.settings.row_time)
+        self._film(lambda frame: clock.keep(frame.image, frame.time))
 
     def stop(self, timing: TrialTiming) -> EndpointTrack:
         """End the film, and compare the clocks.
@@ -403,7 +404,7 @@ class ClockCamera(CameraOfTrials):
         until = time.monotonic() + _AFTER
         filming.finish(lambda frame: frame.arrival >= until)
         reported = JointPath(times=path.times + timing.start_time, q=path.q, qd=path.qd)
-        found = sync_by_motion(self._seen, reported, self.setup.arm, self.calibration.view)
+        found = self._cast_clock.sync(reported, self.setup.arm, self.calibration.view)
         if self.settings.clock == "arrival":
             # The delay of the robot's own reports is measured anew in each trial.
             shift = controller_shift(timing.clock_pairs)

@@ -123,7 +123,7 @@ class Studio:
         self.film = LiveFilm(self.camera, setup, seed)
         self.broadcast = Broadcast(config.width, config.height, config.frame_rate, port)
         self.broadcast.latest = encode_jpeg(self.camera.empty_frame(seed))
-        self._clock = clock
+        self.clock = clock
         self._seed = seed
         self._fault: str | None = None
         self._still: list[bytes] = []
@@ -135,7 +135,7 @@ class Studio:
         self.film.show(state)
         while (frame := self.film.due()) is not None:
             if self.broadcast.viewers and not self.film.is_dropped(frame):
-                self.broadcast.send(self._picture(frame), self._clock + self.film.time(frame))
+                self.broadcast.send(self._picture(frame), self.clock + self.film.time(frame))
 
     def fault(self, name: str | None) -> None:
         """Start a fault, or end all."""
@@ -208,6 +208,8 @@ def _serve(
             room.release()
         elif kind == "fault":
             studio.fault(content[0])
+        elif kind == "clock":
+            studio.clock = content[0]
         elif kind == "finish":
             pipe.send(True)
         else:
@@ -285,6 +287,11 @@ class CameraStream(contextlib.AbstractContextManager):
         if name is not None and name not in FAULTS:
             raise UnknownNameError(f"unknown fault {name!r} of a camera: {', '.join(FAULTS)}")
         self._send(("fault", name))
+        self.finish()
+
+    def set_clock(self, clock: float) -> None:
+        """Let the camera's clock show a time when the laboratory's shows zero [s]."""
+        self._send(("clock", float(clock)))
         self.finish()
 
     def finish(self) -> None:
