@@ -3,7 +3,9 @@
 import json
 import subprocess
 import sys
+import typing
 
+import numpy as np
 import pytest
 
 import cablecast as cc
@@ -34,3 +36,60 @@ def test_every_public_name_is_listed_once_and_sorted():
 def test_a_name_that_does_not_exist_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'Robot'"):
         _ = cc.Robot
+
+
+class OwnRig(cc.RigLifecycle):
+    description: typing.ClassVar[dict] = {}
+
+    def execute(self, trajectory):
+        raise NotImplementedError
+
+
+MISTAKES = {
+    "tune('runs/cable_1/tune-data')": "casts must be Dataset, not str .*read_dataset",
+    "collect('virtual')": "rig must be CheckedRig, not str 'virtual': make_rig",
+    "collect(OwnRig())": "rig must be CheckedRig, not OwnRig: make_rig",
+    "repeat('virtual')": "rig must be CheckedRig",
+    "make_rig('virtual', 'cable_1')": "setup must be Setup, not str 'cable_1': load_setup",
+    "plan_trajectory((-0.8, 0.8, 0.7, 1.0), SETUP)": "action must be Action, not tuple",
+    "simulate('cable_1')": "setup must be Setup",
+    "simulate(SETUP, 'runs/cable_1/tune')": "tuned must be Tuned or CableParams, .*load_tuned",
+    "train('runs/cable_1/dataset')": "simulated must be Dataset",
+    "evaluate('runs/cable_1/model', 'virtual')": "must be (Policy|CheckedRig), not str",
+    "plan_motion('model', r=1.0, theta_deg=5.0)": "policy must be Policy, .*ForwardSearchPolicy",
+    "select('lab.yaml')": "setup must be Setup, not str 'lab.yaml': load_setup",
+    "check('lab.yaml')": "setup must be Setup, not str 'lab.yaml': load_setup",
+    "prepare_aim('virtual')": "rig must be CheckedRig",
+    "aim('runs/cable_1/aim', 'virtual', r=1.0, theta_deg=5.0)": "must be .*, not str",
+    "AimSession('runs/cable_1/model')": "model must be FittedModel or ForwardSearchPolicy",
+    "load_setup({'cable': 'cable_1'})": "path must be str or PathLike, not dict",
+    "load_tuned('params.json', 'cable_1')": "setup must be Setup",
+    "read_dataset(SETUP)": "path must be str or Path, not Setup",
+    "track_video('film.mp4', 'lab.yaml')": "setup must be Setup",
+    "reproduce('runs', budget='quick')": "budget must be Budget",
+    "save_setup({}, 'lab.yaml')": "setup must be Setup, not dict",
+    "PolarCastingPolicy(setup='cable_1')": "setup must be Setup",
+    "EndpointTrack(times=[0], endpoint_xy=[[0, 1]], status='ok')": "status must be TrialStatus",
+    "EngineWarp('cpu')": "segment_count = 'cpu' is not a whole number",
+    "EngineWarp().rollout(SETUP.cable, [[0.1, 0.2]])": "grip_path must be GripPath, not list",
+    "Setup(arm='ur5e')": "arm must be a Arm, not str",
+    "Action(-40.0, 40.0, 0.7)": r"theta1\| = 2292 deg is outside",
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_in_python_is_answered_by_what_to_give_instead(mistake):
+    pytest.importorskip("torch")
+    names = {"SETUP": cc.Setup(), "OwnRig": OwnRig}
+    names |= {name: getattr(cc, name) for name in cc.__all__}
+    with pytest.raises(cc.CablecastError, match=MISTAKES[mistake]) as caught:
+        eval(mistake, names)
+    assert "\n" not in str(caught.value)
+
+
+def test_radians_for_degrees_are_noticed_where_nobody_types_such_degrees():
+    table = cc.Workspace()
+    with pytest.warns(UserWarning, match=r"theta_deg = 0\.29147 .* rad would be 16\.7 degrees"):
+        table.check_targets(r=1.1, theta_deg=np.radians(16.7), cable_length=0.6)
+    for typed in (0.29, 1.5, 0.0, 16.7, np.degrees(0.29)):
+        table.check_targets(r=1.1, theta_deg=typed, cable_length=0.6)

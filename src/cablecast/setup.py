@@ -17,7 +17,14 @@ from cablecast.arm.robot import RobotConfig
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Cable, load_cable
 from cablecast.camera.settings import CameraSettings
-from cablecast.errors import IKError, InputError, UnknownNameError, check_keys, check_ranges
+from cablecast.errors import (
+    IKError,
+    InputError,
+    UnknownNameError,
+    check_keys,
+    check_ranges,
+    says_what_it_takes,
+)
 from cablecast.files import parse_yaml, read_text, read_yaml, write_text
 from cablecast.workspace import Workspace
 
@@ -119,8 +126,8 @@ class Setup:
         """
         cable = cable if isinstance(cable, Cable) else load_cable(cable)
         arm = ArmUR() if arm is None else arm
-        if workspace is None and isinstance(arm, Arm):
-            workspace = fitting_workspace(cable, arm, {})
+        if workspace is None:
+            workspace = fitting_workspace(cable, arm, {}) if isinstance(arm, Arm) else Workspace()
         parts = {
             "cable": cable,
             "workspace": workspace,
@@ -257,6 +264,7 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
     return Workspace.from_dict({**found, **given})
 
 
+@says_what_it_takes
 def load_setup(path: str | os.PathLike[str]) -> Setup:
     """Return the set-up that a lab file describes.
 
@@ -277,6 +285,7 @@ def load_setup(path: str | os.PathLike[str]) -> Setup:
         raise InputError(text if str(path) in text else f"{path}: {text}") from None
 
 
+@says_what_it_takes
 def save_setup(setup: Setup, path: str | os.PathLike[str]) -> None:
     """Write a set-up as a lab file that `load_setup` reads."""
     text = yaml.safe_dump(setup.to_dict(), sort_keys=False, allow_unicode=True)

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import importlib.resources
+import warnings
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -209,6 +210,16 @@ def _targets_from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> NDA
             )
         if one_r < 0:
             raise TargetError(f"target r = {one_r:g} m must not be negative")
+    # Degrees are typed with few digits, and radians computed.
+    small = (angle != 0.0) & (np.abs(angle) <= np.pi / 2)
+    computed = small & (np.abs(angle - np.round(angle, 3)) > 1e-9)
+    if computed.any():
+        found = float(angle[computed][0])
+        warnings.warn(
+            f"theta_deg = {found:.6g} looks like radians: it is read as {found:.3g} degrees, and "
+            f"{found:.3g} rad would be {np.degrees(found):.1f} degrees",
+            stacklevel=4,
+        )
     return polar_to_xy(np.stack([radius, np.radians(angle)], axis=-1))
 
 

@@ -18,7 +18,7 @@ from cablecast.cast import Cast, EndpointTrack, Proposal, RegionLaw
 from cablecast.conventions import xy_to_polar
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
-from cablecast.errors import InputError, RigError
+from cablecast.errors import InputError, RigError, says_what_it_takes
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
@@ -104,6 +104,7 @@ Refitting = Callable[[Dataset, int, ProgressCallback], FittedModel]
 with those that were taken back."""
 
 
+@says_what_it_takes
 class AimSession:
     """Aims at targets one after another, and corrects by every cast.
 

@@ -10,7 +10,7 @@ import io
 import json
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from cablecast.errors import (
     UnreadableFileError,
     check_keys,
     check_number,
+    says_what_it_takes,
 )
 from cablecast.files import read_bytes, write_bytes
 from cablecast.learning.checkpoint import read_checkpoint
@@ -114,6 +115,7 @@ class Plan:
         )
 
 
+@runtime_checkable
 class Policy(Protocol):
     """Interface of policies, which turn targets into motions; implement it to evaluate your own."""
 
@@ -569,6 +571,7 @@ class ForwardSearchPolicy:
         return KDTree(self.predicted_xy)
 
 
+@says_what_it_takes
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PolarCastingPolicy:
     """Policy that plans by geometry alone: nothing is learned or simulated.

@@ -15,7 +15,7 @@ from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
-from cablecast.errors import InputError
+from cablecast.errors import InputError, says_what_it_takes
 from cablecast.evaluation.evaluate import (
     Evaluation,
     evaluation_metrics,
@@ -129,6 +129,7 @@ def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
         raise InputError(f"{path} holds {other[0]}, which aiming did not make: give a new folder")
 
 
+@says_what_it_takes
 def prepare_aim(
     rig: CheckedRig,
     config: AimConfig | None = None,
@@ -332,6 +333,7 @@ class _Learning:
         return policy.in_lab(self.setup)
 
 
+@says_what_it_takes
 def aim(
     session: AimSession | ForwardSearchPolicy,
     rig: CheckedRig,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.conventions import mirror_xy, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import InputError, check_seed
+from cablecast.errors import InputError, check_seed, says_what_it_takes
 from cablecast.evaluation.coverage import R0_CHOICES
 from cablecast.files import write_bytes
 from cablecast.motion.casting import cast_grip_paths
@@ -206,6 +206,7 @@ class LabCheck:
         return f"no cast of {self.setup.cable.name} stays on the table: {reasons}. Try {better}"
 
 
+@says_what_it_takes
 def check(
     setup: Setup,
     *,

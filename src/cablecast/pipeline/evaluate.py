@@ -4,11 +4,10 @@ import dataclasses
 import os
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from cablecast.engines import make_engine
-from cablecast.errors import InputError, check_count
+from cablecast.errors import InputError, check_count, says_what_it_takes
 from cablecast.evaluation.evaluate import (
     Evaluation,
     evaluate_policy,
@@ -35,6 +34,7 @@ CASTS_FOLDER = "casts"
 _REPEATS_MAX = 100_000
 
 
+@says_what_it_takes
 def evaluate(
     policy: Policy,
     rig: CheckedRig,
@@ -69,13 +69,15 @@ def evaluate(
     if out is not None:
         require("the report", "matplotlib", "jinja2")
     check_rig_setup(rig, policy)
-    target_xy = load_targets() if targets is None else targets
+    target_xy = policy.setup.workspace.check_targets(
+        load_targets() if targets is None else targets, cable_length=policy.setup.cable.length
+    )
     settings = {
         **policy.setup.to_settings(),
         "policy": policy.info,
         "rig": dict(rig.description),
         "repeats": repeats,
-        "targets": np.asarray(target_xy, dtype=float).tolist(),
+        "targets": target_xy.tolist(),
     }
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "evaluate", settings)

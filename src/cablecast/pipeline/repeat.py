@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.conventions import Array
-from cablecast.errors import InputError, check_count, check_number, check_seed
+from cablecast.errors import InputError, check_count, check_number, check_seed, says_what_it_takes
 from cablecast.evaluation.repeatability import (
     REPEAT_COUNT,
     REPEAT_MAX,
@@ -57,6 +57,7 @@ class Repeated:
     metrics: dict[str, Any]
 
 
+@says_what_it_takes
 def repeat(
     rig: CheckedRig,
     *,

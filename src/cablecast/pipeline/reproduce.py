@@ -9,7 +9,7 @@ from typing import Any
 
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.engines import make_engine
-from cablecast.errors import InputError, check_seed
+from cablecast.errors import InputError, check_seed, says_what_it_takes
 from cablecast.evaluation.published import BEST_METHOD
 from cablecast.files import write_text
 from cablecast.learning.checkpoint import check_device
@@ -149,6 +149,7 @@ class Reproduced:
         return BEST_METHOD in medians and all(medians[BEST_METHOD] < other for other in others)
 
 
+@says_what_it_takes
 def reproduce(
     out: str | os.PathLike[str],
     *,

@@ -7,7 +7,7 @@ from typing import Any
 from cablecast.cable import Cable, CableParams
 from cablecast.engines import make_engine
 from cablecast.engines.spread import spread
-from cablecast.errors import InputError, check_count, check_number
+from cablecast.errors import InputError, check_count, check_number, says_what_it_takes
 from cablecast.evaluation.coverage import (
     R0_CHOICES,
     SCATTER_MAX_PCT,
@@ -48,6 +48,7 @@ class Selection:
     metrics: dict[str, Any]
 
 
+@says_what_it_takes
 def select(
     setup: Setup,
     tuned: Tuned | CableParams | None = None,

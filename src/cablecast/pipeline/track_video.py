@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cablecast.camera.settings import MARKER_HUE
 from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.errors import DamagedFileError, InputError, check_number
+from cablecast.errors import DamagedFileError, InputError, check_number, says_what_it_takes
 from cablecast.files import read_csv, write_bytes, write_text
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import METRICS_FILE, RunFolder
@@ -105,6 +105,7 @@ class VideoTrack:
     metrics: dict[str, Any]
 
 
+@says_what_it_takes
 def track_video(
     video: str | os.PathLike[str],
     setup: Setup,

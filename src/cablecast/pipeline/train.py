@@ -13,6 +13,7 @@ from cablecast.errors import (
     MissingExtraError,
     check_count,
     check_seed,
+    says_what_it_takes,
 )
 from cablecast.files import write_bytes, write_text
 from cablecast.learning.card import model_card
@@ -40,6 +41,7 @@ CARD_FILE = "MODELCARD.md"
 CURVE_FILE = "learning_curve.png"
 
 
+@says_what_it_takes
 def train(
     simulated: Dataset | None = None,
     real: Dataset | None = None,

@@ -11,7 +11,7 @@ from cablecast.data.simulate import engine_settings
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import spread
-from cablecast.errors import InputError
+from cablecast.errors import InputError, says_what_it_takes
 from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.runs.folder import RunFolder
@@ -39,6 +39,7 @@ all are fitted to, and the result is measured on the same casts."""
 PathSource = typing.Literal["auto", "commanded", "measured"]
 
 
+@says_what_it_takes
 def tune(
     casts: Dataset,
     *,

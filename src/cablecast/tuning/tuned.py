@@ -12,7 +12,7 @@ from cablecast.cable import PAPER_PARAMS, CableParams
 from cablecast.conventions import finite_or_none
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import DamagedFileError, InputError, check_name
+from cablecast.errors import DamagedFileError, InputError, check_name, says_what_it_takes
 from cablecast.files import CHECKSUM_KEY, read_json, read_sealed, seal, write_json
 from cablecast.motion.servo import ServoModel
 from cablecast.setup import Setup
@@ -24,6 +24,7 @@ from cablecast.tuning.tune import TuneResult
 PARAMS_FILE = "params.json"
 
 
+@says_what_it_takes
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tuned:
     """A simulator that follows the real cable as well as was found.
@@ -87,6 +88,7 @@ class Tuned:
         return value
 
 
+@says_what_it_takes
 def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     """Return what `cablecast tune` left in a folder or in its params.json, or a person wrote.
 

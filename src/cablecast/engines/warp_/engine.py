@@ -34,7 +34,7 @@ from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.material import lag_ratios, rest_bends
 from cablecast.engines.warp_.rollout import rollout_kernel
 from cablecast.engines.warp_.world import Features
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, says_what_it_takes
 from cablecast.files import core_count
 from cablecast.motion.grip_path import GripPath
 
@@ -57,6 +57,7 @@ MODEL_VERSION = 7
 dataset, so that casts of one model are never continued with those of another."""
 
 
+@says_what_it_takes
 class EngineWarp:
     """The fast engine: an inextensible elastic rod with Coulomb friction, all worlds in one launch.
 
@@ -95,8 +96,7 @@ class EngineWarp:
         *,
         table: bool = True,
     ):
-        if not 2 <= segment_count <= 1000:
-            raise InputError(f"segment_count = {segment_count} is outside [2, 1000]")
+        check_count("segment_count", segment_count, 2, 1000)
         if not 1e-7 <= dt <= 1e-2:
             raise InputError(f"dt = {dt} s is outside [1e-7, 1e-2]")
         if precision not in LANE_COUNT_CPU:
@@ -135,6 +135,7 @@ class EngineWarp:
             interleaved=self._interleaved,
         )
 
+    @says_what_it_takes
     def rollout(
         self,
         cable: Cable | Sequence[Cable],
