@@ -224,6 +224,10 @@ def ring_points(
     return ring.reshape(-1, 2)
 
 
+HIT_CHANCE_MIN = 0.05
+"""Chance to hit below which a cast is hardly worth making [-]."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
     """A cast that was planned at a target, and what to expect of it.
@@ -276,6 +280,18 @@ class Proposal:
         within = self.within_pct / 100.0 * self.setup.cable.length
         near = np.linalg.norm(points - self.target_xy, axis=-1) <= within
         return (1.0 - self.failure) * float(np.mean(near))
+
+    @property
+    def reason(self) -> str:
+        """Why a hit is not to be expected, in words; empty where it is."""
+        if self.inside_coverage and self.hit_chance >= HIT_CHANCE_MIN:
+            return ""
+        miss = np.linalg.norm(self.expected_xy - self.target_xy) / self.setup.cable.length
+        outside = "no simulated cast of this cable lands near this target, and "
+        return outside * (not self.inside_coverage) + (
+            f"the next cast is expected to miss by {100 * miss:.1f} %, with a chance of "
+            f"{100 * self.hit_chance:.0f} % to hit"
+        )
 
     def ellipse(self, share: float = 0.9) -> Ellipse:
         """Return the ellipse that the landing lies in with some probability [-]."""

@@ -1,5 +1,6 @@
 """A checked rig refuses impossible answers, hangs no longer than it may, and fails in one line."""
 
+import dataclasses
 import signal
 import sys
 import threading
@@ -12,7 +13,7 @@ from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.rigs import checked as time_limit
-from cablecast.rigs.checked import CheckedRig
+from cablecast.rigs.checked import CheckedRig, attempt_trial
 
 SHORT = 0.3
 """Time limit of a rig that hangs [s]: a busy machine may stop a test for a tenth of a second."""
@@ -353,3 +354,31 @@ def test_a_rig_has_a_sight_exactly_where_it_has_one(make):
     rig.sight = lambda: ((0.5, 1.0, 0.1),)
     with pytest.raises(RigError, match="sight is a tuple: it must be a CameraSight, or None"):
         make(rig).sight()
+
+
+class UnluckyRig(OddRig):
+    """Aborts every other draw."""
+
+    def __init__(self):
+        super().__init__()
+        self.drawn = []
+
+    def seek(self, index, purpose=""):
+        self.drawn.append(index)
+
+    def execute(self, trajectory):
+        luck = np.random.default_rng(self.drawn[-1]).random()
+        aborted = dataclasses.replace(landing(), status=TrialStatus.ABORTED)
+        return aborted if luck < 0.5 else landing()
+
+
+def test_a_trial_that_failed_by_chance_is_drawn_anew(small_cast, setup):
+    unlucky = UnluckyRig()
+    rig = CheckedRig(unlucky, setup)
+    counts = [
+        attempt_trial(rig, small_cast, index=index, purpose="tune", count=12)[1]
+        for index in range(20)
+    ]
+    # With the luck of the first attempt again and again, each of these would fail for good.
+    assert 5 <= np.count_nonzero(counts) <= 15
+    assert len(set(unlucky.drawn)) == len(unlucky.drawn) == 20 + sum(counts)

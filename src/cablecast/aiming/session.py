@@ -14,7 +14,7 @@ from cablecast.aiming.config import AimConfig
 from cablecast.aiming.predictor import SPREAD_COUNT, Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
 from cablecast.camera.settings import CameraSight
-from cablecast.cast import Cast, EndpointTrack, Proposal, RegionLaw
+from cablecast.cast import HIT_CHANCE_MIN, Cast, EndpointTrack, Proposal, RegionLaw
 from cablecast.conventions import xy_to_polar
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
@@ -51,8 +51,8 @@ ENOUGH = 40
 """Casts from which on no fit is due: more hardly change the parameters (docs/tuning.md)."""
 
 _INNOVATION_MAX = 4.0
-# From this try on, a cast whose chance to hit is below this is not worth making.
-_STOP_TRY, _STOP_CHANCE = 3, 0.05
+# From this try on, a cast whose chance to hit is small is not worth making.
+_STOP_TRY = 3
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _SCALE_GROWTH = 1.3
 
@@ -269,14 +269,9 @@ class AimSession:
         outside = proposal.try_number == 1 and not proposal.inside_coverage
         if self.config.anyway or not (outside or proposal.try_number >= _STOP_TRY):
             return ""
-        if proposal.hit_chance >= _STOP_CHANCE:
+        if proposal.hit_chance >= HIT_CHANCE_MIN:
             return ""
-        miss = np.linalg.norm(proposal.expected_xy - proposal.target_xy)
-        reason = "no simulated cast of this cable lands near this target, and " if outside else ""
-        reason += (
-            f"the next cast is expected to miss by {100 * miss / self.setup.cable.length:.1f} %, "
-            f"with a chance of {100 * proposal.hit_chance:.0f} % to hit"
-        )
+        reason = proposal.reason
         near = self.model.policy.nearest_landing(proposal.target_xy)
         miss = np.linalg.norm(near - proposal.target_xy)
         if miss > proposal.within_pct / 100 * self.setup.cable.length:

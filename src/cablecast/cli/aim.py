@@ -159,7 +159,6 @@ def _within_reach(
     if anyway:
         return targets, []
     found = check(setup, changes=False)
-    print(f"check     {found.summary}", flush=True)
     beyond = [found.is_out_of_reach(target) for target in targets]
     lines = [
         f"{polar_text(target)}: not cast at: {found.words_at(target)} (--anyway casts all the same)"
@@ -193,8 +192,8 @@ def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
 
     if proposal.try_number == 1:
         print(f"\ntarget    {polar_text(proposal.target_xy)}")
-        if not proposal.inside_coverage:
-            print("note: no simulated cast of this cable lands near this target")
+        if proposal.reason:
+            print(f"note: {proposal.reason}")
     ellipse = proposal.ellipse(0.9)
     major, minor = 100.0 * ellipse.semi_axes / proposal.setup.cable.length
     print(f"try {proposal.try_number}     {reason_text(proposal, session)}")

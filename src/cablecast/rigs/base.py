@@ -31,7 +31,7 @@ class Rig(Protocol):
     - `seek(index, purpose="")`, for a rig that draws by chance: the next trial is the index-th of a
       purpose. Trials of two purposes must draw differently, for which `purpose_seed` is made. A
       collection that goes on after a stop calls it, so that its rows are those of one that never
-      stopped.
+      stopped. A trial that is made again has another index, larger by a million.
     - `picture()`, for a rig with a camera: its latest picture of the table, BGR, uint8, shape
       [v, u, 3], or None while there is none. `cablecast view` shows it; it may be called from
       another thread than the others, also while the arm moves.
@@ -46,7 +46,12 @@ class Rig(Protocol):
     description: dict[str, Any]
 
     def reset(self) -> None:
-        """Bring cable and arm to the reset state."""
+        """Bring cable and arm to the reset state.
+
+        Every cast begins at rest with the gripper at `reset_pose(setup.workspace)`; the joints
+        there are `setup.arm.inverse(reset_pose(setup.workspace))`, and those of its first set
+        point.
+        """
         ...
 
     def execute(self, trajectory: Trajectory) -> EndpointTrack:

@@ -30,6 +30,8 @@ TIME_LIMIT = 120.0
 """Longest time of one reset or one trial [s]; both take some 20 s on a robot."""
 ATTEMPT_COUNT = 3
 """Number of attempts at a trial before it is given up."""
+RETRY_STRIDE = 1_000_000
+"""What the index of a trial grows by with each further attempt."""
 DESCRIPTION_SIZE_MAX = 100_000
 """Longest description of a rig, as JSON [character]."""
 SAMPLE_COUNT_MAX = 100_000
@@ -266,7 +268,8 @@ def attempt_trial(
     reason = ""
     for failures in range(count):
         try:
-            seek_trial(rig, index, purpose)
+            # Drawn anew: with the same luck, a trial that failed by chance would fail again.
+            seek_trial(rig, index + failures * RETRY_STRIDE, purpose)
             rig.reset()
             track = rig.execute(motion)
             if track.status is not TrialStatus.ABORTED:
