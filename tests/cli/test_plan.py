@@ -34,6 +34,17 @@ def angles(text, name):
     return float(re.search(rf"{name} = (-?[\d.]+) deg", text).group(1))
 
 
+def test_a_target_may_be_given_in_x_and_y(model_folder, capsys):
+    arguments = ["plan", "--model", str(model_folder), "--miss-max", "200"]
+    assert main([*arguments, "--target-xy", "-0.3", "0.9"]) == 0
+    text = capsys.readouterr().out
+    assert "theta = -18.4 deg (x = -0.300 m, y = 0.900 m)" in text
+    assert main(arguments) == 2
+    assert "--target R THETA or --target-xy X Y" in capsys.readouterr().err
+    assert main([*arguments, "--target-xy", "0", "1", "--target", "1", "0"]) == 2
+    assert "2 targets are given: it takes 1" in capsys.readouterr().err
+
+
 def test_a_plan_names_action_landing_duration_and_joint_speeds(model_folder, capsys):
     text = plan(model_folder, capsys, "1.10", "16.7")
     assert "r = 1.100 m, theta = 16.7 deg" in text

@@ -6,7 +6,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cablecast.data.lerobot import DATA_FILE, EPISODES_FILE, TASKS_FILE, VIDEO_FILE, statistics
+from cablecast.data.lerobot import (
+    DATA_FILE,
+    EPISODES_FILE,
+    TASKS_FILE,
+    VIDEO_FILE,
+    Video,
+    statistics,
+)
 from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import DatasetError, InputError
@@ -120,6 +127,32 @@ def test_films_follow_one_another_with_one_frame_per_frame_of_the_data(casts, tm
     episodes = rows_of(out, EPISODES_FILE)
     starts = [row["videos/observation.images.top/from_timestamp"] for row in episodes]
     assert starts == pytest.approx([row["dataset_from_index"] / FPS for row in episodes])
+    stats = json.loads((out / "meta/stats.json").read_text())["observation.images.top"]
+    # Bars of 4 of 616 columns are white; compression blurs them a little.
+    assert np.shape(stats["mean"]) == np.shape(stats["q99"]) == (3, 1, 1)
+    assert np.ravel(stats["mean"]) == pytest.approx(4 / pictures[0].shape[1], rel=0.1)
+    assert np.ravel(stats["max"]) == pytest.approx(1.0, abs=0.1)
+    assert stats["count"] == [len(pictures)]
+    counts = [row["stats/observation.images.top/count"] for row in episodes]
+    assert counts == [[row["length"]] for row in episodes]
+
+
+def test_colours_of_pictures_are_counted_in_the_order_of_lerobot():
+    colors = np.zeros((2, 3, 256), dtype=int)
+    # Red is half black and half white, green is grey, blue is white in the second episode only.
+    colors[0, 0, [0, 255]] = 8
+    colors[0, 1, 51] = 16
+    colors[0, 2, 0] = 16
+    colors[1] = colors[0]
+    colors[1, 2] = np.roll(colors[0, 2], 255)
+    video = Video(size=(4, 4), colors=colors, frame_counts=(1, 3))
+    first, both = video.statistics(0), video.statistics()
+    assert np.ravel(first["mean"]) == pytest.approx([0.5, 0.2, 0.0])
+    assert np.ravel(first["std"]) == pytest.approx([0.5, 0.0, 0.0], abs=1e-9)
+    assert np.ravel(both["mean"]) == pytest.approx([0.5, 0.2, 0.5])
+    assert np.ravel(both["max"]) == pytest.approx([1.0, 0.2, 1.0])
+    assert np.ravel(both["q01"]) == pytest.approx([0.0, 0.2, 0.0])
+    assert (first["count"], both["count"]) == ([1], [4])
 
 
 def test_a_missing_film_leaves_nothing_behind(casts, tmp_path):

@@ -6,11 +6,14 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import vector
 
 import cablecast.gym  # noqa: F401
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.gym.env import CastEnv, CastVectorEnv
+from cablecast.gym.picture import LANDING, MARGIN, SCALE, TARGET
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
@@ -35,8 +38,8 @@ def test_the_checker_of_gymnasium_finds_nothing(options):
         warnings.simplefilter("error")
         # Raw actions are in radians and metres on purpose.
         warnings.filterwarnings("ignore", message=".*symmetric and normalized space")
-        # A cast has no picture: there are no render modes to check.
-        check_env(gymnasium.make(ID, **options).unwrapped, skip_render_check=True)
+        # A cast is over before a person could watch it: there is no "human" mode.
+        check_env(gymnasium.make(ID, render_mode="rgb_array", **options).unwrapped)
 
 
 def test_the_reward_is_minus_the_miss_of_the_cast_that_the_engine_makes():
@@ -65,6 +68,72 @@ def test_a_vector_step_makes_the_casts_of_single_environments():
         _, reward, *_ = one.step(actions[row])
         assert reward == pytest.approx(rewards[row], abs=BATCH_TOLERANCE_PCT)
     assert np.array_equal(info["target_xy"], targets)
+
+
+def test_the_vector_form_works_inside_the_wrappers_of_gymnasium():
+    env = gymnasium.make_vec(ID, num_envs=16)
+    for wrap in (
+        vector.RecordEpisodeStatistics,
+        vector.NormalizeObservation,
+        vector.NormalizeReward,
+    ):
+        env = wrap(env)
+    env = vector.DictInfoToList(env)
+    observations, infos = env.reset(seed=2)
+    for _ in range(4):
+        observations, rewards, ended, _, infos = env.step(np.zeros((16, 4)))
+        assert observations.shape == env.observation_space.shape
+        assert np.isfinite(rewards).all()
+        if ended.all():
+            assert all(info["episode"]["l"] == 1 for info in infos)
+            assert {info["status"] for info in infos} <= {"ok", "off_table", "infeasible"}
+    env.close()
+
+
+def test_an_episode_ends_with_its_cast_and_the_next_one_starts_as_the_mode_says():
+    actions = np.zeros((4, 4))
+    nxt = CastVectorEnv(4)
+    same = CastVectorEnv(4, autoreset_mode=AutoresetMode.SAME_STEP)
+    first, _ = nxt.reset(seed=1)
+    assert np.array_equal(same.reset(seed=1)[0], first)
+    final, rewards, ended, _, info = nxt.step(actions)
+    second, same_rewards, same_ended, _, same_info = same.step(actions)
+    assert np.array_equal(final, np.stack(list(same_info["final_obs"])))
+    assert np.array_equal(rewards, same_rewards)
+    assert ended.all()
+    assert same_ended.all()
+    for name in ("landing_xy", "status", "target_xy"):
+        assert np.array_equal(info[name], same_info["final_info"][name])
+    # Here the actions count for nothing.
+    observations, rewards, ended, _, info = nxt.step(actions)
+    assert np.array_equal(observations, second)
+    assert np.array_equal(info["target_xy"], same_info["target_xy"])
+    assert not ended.any()
+    assert not rewards.any()
+    with pytest.raises(InputError, match="autoreset_mode"):
+        CastVectorEnv(4, autoreset_mode=AutoresetMode.DISABLED)
+
+
+def test_a_picture_shows_target_and_landings_where_they_are():
+    env = CastEnv(render_mode="rgb_array", action_form="raw", tries=2)
+    env.reset(seed=0, options={"target_xy": (-0.4, 0.9)})
+    assert not np.any(where(env.render(), LANDING))
+    landing = env.step(RAW_ACTION)[4]["landing_xy"]
+    image = env.render()
+    half = env.task.setup.workspace.half_width + MARGIN
+    far = env.task.setup.workspace.y_max + MARGIN
+    for color, point in ((TARGET, (-0.4, 0.9)), (LANDING, landing)):
+        row, column = np.mean(np.nonzero(where(image, color)), axis=1)
+        assert column / SCALE - half == pytest.approx(point[0], abs=0.01)
+        assert far - row / SCALE == pytest.approx(point[1], abs=0.01)
+    assert CastEnv().render() is None
+    many = CastVectorEnv(2, render_mode="rgb_array")
+    many.reset(seed=0)
+    assert [image.shape for image in many.render()] == [image.shape] * 2
+
+
+def where(image, color):
+    return np.all(image == np.array(color), axis=2)
 
 
 def test_the_same_seed_gives_the_same_targets_and_cables():
@@ -140,6 +209,7 @@ def test_any_rig_answers_the_environment():
         ({"tries": 0}, "tries = 0"),
         ({"action_form": "polar"}, "action_form 'polar'"),
         ({"fail_reward": 3.0}, "fail_reward = 3"),
+        ({"render_mode": "human"}, "render_mode 'human'"),
         ({"rig": "virtual", "spread": 0.5}, "spread needs the engine"),
         ({"targets": [(0.0, 9.0)]}, "out of reach"),
     ],

@@ -7,11 +7,20 @@ import numpy as np
 import pytest
 
 from cablecast.cable import load_cable
+from cablecast.engines.dynamics import Dynamics
+from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
+from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.servo import ServoModel
 from cablecast.setup import Setup
 from cablecast.tuning.tune import TuneConfig, split_tracks, tune_params
-from cablecast.tuning.tuned import distance_summary, load_tuned, params_file, write_params
+from cablecast.tuning.tuned import (
+    Tuned,
+    distance_summary,
+    load_tuned,
+    params_file,
+    write_params,
+)
 
 CABLE = load_cable("cable_1")
 SETUP = Setup(cable=CABLE)
@@ -89,6 +98,20 @@ def test_a_value_that_was_changed_is_not_believed_until_the_checksum_is_deleted(
         load_tuned(file, SETUP)
     file.write_text("\n".join(line for line in changed if '"sha256"' not in line))
     assert load_tuned(file, SETUP).params.mass == 0.051
+
+
+def test_a_fit_plays_itself_with_its_material_and_servo():
+    params = dataclasses.replace(CABLE.params, damping_time=0.02, rest_curvature=0.5)
+    tuned = Tuned(setup=SETUP, dynamics=Dynamics(params=params, servo=SERVO))
+    action, engine = np.array([-0.9, 0.7, 0.6, 1.2]), EngineWarp(20, 1e-3)
+    played = tuned.rollout(action, engine, duration=0.8)
+    path = SERVO.apply(cast_grip_paths(action[None], SETUP), SETUP.arm)
+    expected = engine.rollout(CABLE.with_params(params), path, duration=0.8)
+    assert np.array_equal(played.endpoint_xyz, expected.endpoint_xyz)
+    commanded = tuned.rollout(cast_grip_paths([action, action], SETUP), engine, duration=0.8)
+    assert np.array_equal(commanded.endpoint_xyz[1], expected.endpoint_xyz[0])
+    bare = Tuned.of(None, SETUP).rollout(action, engine, duration=0.8)
+    assert not np.allclose(bare.endpoint_xyz, played.endpoint_xyz, atol=1e-4)
 
 
 def test_a_file_that_a_person_wrote_needs_the_parameters_alone(tmp_path):

@@ -5,10 +5,15 @@ import math
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-
 from cablecast.aiming.config import AimConfig
-from cablecast.cli.options import CableName, LabFile, RigName, TimeLimit, argument
+from cablecast.cli.options import (
+    CableName,
+    LabFile,
+    RigName,
+    TargetOptions,
+    TimeLimit,
+    argument,
+)
 from cablecast.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,12 +32,7 @@ _MANY_TARGETS = 12
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Targets:
-    target: Annotated[
-        tuple[tuple[float, float], ...], tyro.conf.UseAppendAction, argument("R THETA")
-    ] = ()
-    """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
-    the robot's right. Give it again for more targets, one after another."""
+class _Targets(TargetOptions):
     paper_targets: bool = False
     """Aim at the paper's 32 targets, and show its errors beside those of the last tries."""
 
@@ -82,16 +82,14 @@ class Aim(AimConfig, _Targets):
         from cablecast.tuning.tuned import load_tuned
         from cablecast.workspace import load_targets
 
-        if bool(self.target) == self.paper_targets:
+        if bool(self.target or self.target_xy) == self.paper_targets:
             raise InputError("aim needs either --target R THETA, once or more, or --paper-targets")
         setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
-        targets = setup.workspace.check_targets(
-            load_targets() if self.paper_targets else None,
-            r=[r for r, _ in self.target] or None,
-            theta_deg=[theta_deg for _, theta_deg in self.target] or None,
-            cable_length=setup.cable.length,
-        )
+        targets = self.targets(setup)
+        if self.paper_targets:
+            length = setup.cable.length
+            targets = setup.workspace.check_targets(load_targets(), cable_length=length)
         # The paper's errors are those of all its targets.
         config = dataclasses.replace(AimConfig.of(self), anyway=self.anyway or self.paper_targets)
         check_aim(config, out)

@@ -4,26 +4,31 @@ import dataclasses
 import pathlib
 from typing import Annotated
 
-from cablecast.cli.options import ArcRadius, CableName, GripSpeed, LabFile, argument
+from cablecast.cli.options import (
+    ArcRadius,
+    CableName,
+    GripSpeed,
+    LabFile,
+    TargetOptions,
+    argument,
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Check:
+class Check(TargetOptions):
     """Say in seconds what casts of this cable, arm and table can reach, and what would reach more.
 
     Casts that the arm can follow are simulated with the cable as its file describes it, and with
-    others that it may be as well. The command prints the share of the table on which they end, what
-    keeps them from the rest, and which changes of the laboratory reach clearly more in simulation;
-    it draws the places. No robot is needed. The exit status is 3 if no cast stays on the table.
+    others that it may be as well. The command prints the share of the table on which they end,
+    whether a --target is among it, what keeps them from the rest, and which changes of the
+    laboratory reach clearly more in simulation; it draws the places. No robot is needed. The exit
+    status is 3 if no cast stays on the table.
     """
 
     setup: LabFile = None
     cable: CableName = None
     v_max: GripSpeed = None
     r0: ArcRadius = None
-    target: Annotated[tuple[float, float] | None, argument("R THETA", "none")] = None
-    """Place of the table to say whether it is reached: distance from the robot's base [m], and
-    angle from straight ahead [deg]."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/check")] = None
     """Folder of the picture."""
     seed: int = 0
@@ -37,11 +42,7 @@ class Check:
         from cablecast.runs.places import CHECK_FOLDER, cable_folder
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
-        r, theta_deg = self.target or (None, None)
-        places = []
-        if self.target is not None:
-            length = setup.cable.length
-            places = setup.workspace.check_targets(r=r, theta_deg=theta_deg, cable_length=length)
+        places = self.targets(setup)
         out = self.out or cable_folder(setup.cable.name) / CHECK_FOLDER
         with console_progress() as progress:
             found = check(setup, out=out, seed=self.seed, progress=progress)

@@ -1,8 +1,7 @@
-"""`cablecast export`: write a dataset in the layout of another library."""
+"""`cablecast export`: write a dataset in the layout of LeRobot."""
 
 import dataclasses
 import pathlib
-import typing
 from typing import Annotated
 
 import tyro
@@ -20,8 +19,6 @@ class Export:
 
     dataset: Annotated[tyro.conf.Positional[pathlib.Path], argument("DATASET")]
     """Folder of casts that `cablecast collect` or `cablecast import` made."""
-    format: typing.Literal["lerobot"] = "lerobot"
-    """Layout to write."""
     fps: int = 10
     """Frames per second; tracks have 10 samples a second."""
     films: Annotated[pathlib.Path | None, argument("DIR", "none")] = None
@@ -36,9 +33,7 @@ class Export:
         from cablecast.pipeline.export import export_dataset
 
         casts = read_dataset(self.dataset)
-        out = self.out or self.dataset.with_name(f"{self.dataset.name}-{self.format}")
+        out = self.out or self.dataset.with_name(f"{self.dataset.name}-lerobot")
         with console_progress() as progress:
-            export_dataset(
-                casts, out, format=self.format, fps=self.fps, films=self.films, progress=progress
-            )
+            export_dataset(casts, out, fps=self.fps, films=self.films, progress=progress)
         print(f"{len(casts)} casts of {casts.cable.name} are in {out}")

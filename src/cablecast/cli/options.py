@@ -13,6 +13,9 @@ import tyro
 from cablecast.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from cablecast.rigs.checked import CheckedRig
     from cablecast.setup import Setup
 
@@ -25,6 +28,42 @@ def argument(metavar: str, default: str | None = None, text: str | None = None) 
     """Return the entry of an argument in `--help`; `default` describes a default of None."""
     hint = None if default is None else f"(default: {default})"
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint, help=text)
+
+
+_Places = tuple[tuple[float, float], ...]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TargetOptions:
+    """Options of a verb that takes targets."""
+
+    target: Annotated[_Places, tyro.conf.UseAppendAction, argument("R THETA")] = ()
+    """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
+    the robot's right. Give it again for more."""
+    target_xy: Annotated[_Places, tyro.conf.UseAppendAction, argument("X Y")] = ()
+    """Target in the base frame [m], x to the robot's right and y ahead, in place of --target."""
+
+    def targets(self, setup: "Setup", most: int | None = None) -> "NDArray[np.float64]":
+        """Return the targets [m], shape [target, 2], those of --target first.
+
+        Args:
+            setup: Table, arm and cable.
+            most: Largest number of them.
+
+        Raises:
+            InputError: There are too many.
+            TargetError: One is not finite, out of reach, or off the table.
+        """
+        import numpy as np
+
+        length, check = setup.cable.length, setup.workspace.check_targets
+        found = [
+            check(r=r, theta_deg=theta_deg, cable_length=length) for r, theta_deg in self.target
+        ]
+        found += [check(xy, cable_length=length) for xy in self.target_xy]
+        if most is not None and len(found) > most:
+            raise InputError(f"{len(found)} targets are given: it takes {most}")
+        return np.concatenate([np.zeros((0, 2)), *found])
 
 
 LabFile = Annotated[

@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import TargetOptions, argument
 
 if TYPE_CHECKING:
     from cablecast.learning.policy import Plan
@@ -14,7 +14,7 @@ EXIT_FAR_OFF = 3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PlanVerb:
+class PlanVerb(TargetOptions):
     """Plan the motion that lands the cable's free end on a target.
 
     Prints the action, the predicted landing, the duration of the motion and the peak speeds of the
@@ -22,9 +22,6 @@ class PlanVerb:
     if the best motion is predicted to miss the target by more than --miss-max.
     """
 
-    target: Annotated[tuple[float, float], argument("R THETA")]
-    """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
-    the robot's right."""
     setup: Annotated[pathlib.Path | None, argument("FILE", "that of --model")] = None
     """Lab file that the model must have been trained for; --save needs one with a measured arm."""
     cable: Annotated[str | None, argument("CABLE", "that of --model, or cable_1")] = None
@@ -53,6 +50,8 @@ class PlanVerb:
         from cablecast.runs.places import find_input
 
         check_number("miss_max", self.miss_max, 0.0, 1e4, "%")
+        if not self.target and not self.target_xy:
+            raise InputError("plan needs a target: --target R THETA or --target-xy X Y")
         lab = load_lab(self.setup, self.cable)
         if self.save is not None:
             check_measured(lab)
@@ -61,8 +60,7 @@ class PlanVerb:
         policy = ForwardSearchPolicy.load(folder)
         check_same_setup(self.setup, self.cable, policy.setup, folder)
         policy = policy.in_lab(with_instruments(policy.setup, self.setup))
-        r, theta_deg = self.target
-        plan = plan_motion(policy, r=r, theta_deg=theta_deg)
+        plan = plan_motion(policy, target_xy=self.targets(policy.setup, most=1)[0])
         path = plan.trajectories[0].joint_path
         if path is None:
             raise InputError("the planned motion has no joint path")

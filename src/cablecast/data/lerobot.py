@@ -4,6 +4,7 @@ Layout and names follow version 3.0 of the format (huggingface/lerobot, `lerobot
 in `data/`, episodes in `meta/episodes/`, tasks in `meta/tasks.parquet`, films in `videos/`.
 """
 
+import dataclasses
 import json
 import pathlib
 import string
@@ -121,14 +122,50 @@ def episodes_of(dataset: Dataset, fps: int) -> list[Episode]:
     return episodes
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Video:
+    """Film of all episodes.
+
+    Attributes:
+        size: Height and width [pixel].
+        colors: Number of pixels of each value of red, green and blue, shape [episode, 3, 256].
+        frame_counts: Number of frames of each episode.
+    """
+
+    size: tuple[int, int]
+    colors: NDArray[np.int64]
+    frame_counts: tuple[int, ...]
+
+    def statistics(self, episode: int | None = None) -> dict[str, Any]:
+        """Return what LeRobot keeps of an episode's pictures, or of all, in shares of white.
+
+        Each has the shape [3, 1, 1], but for the number of frames.
+        """
+        rows = slice(None) if episode is None else slice(episode, episode + 1)
+        counts = self.colors[rows].sum(axis=0)
+        values = np.arange(256) / 255.0
+        share = counts / counts.sum(axis=1, keepdims=True)
+        mean = share @ values
+        below = np.cumsum(share, axis=1)
+        stats = {
+            "min": values[np.argmax(counts > 0, axis=1)],
+            "max": values[255 - np.argmax(counts[:, ::-1] > 0, axis=1)],
+            "mean": mean,
+            "std": np.sqrt(np.maximum(share @ values**2 - mean**2, 0.0)),
+            **{k: values[np.argmax(below >= q, axis=1)] for k, q in _QUANTILES.items()},
+        }
+        frames = {"count": [sum(self.frame_counts[rows])]}
+        return {name: row.reshape(3, 1, 1).tolist() for name, row in stats.items()} | frames
+
+
 def write_tables(
     folder: pathlib.Path,
     dataset: Dataset,
     episodes: list[Episode],
     fps: int,
-    video: Mapping[str, Any] | None,
+    video: Video | None,
 ) -> None:
-    """Write everything but the films into an empty folder; `video` holds their width and height."""
+    """Write everything but the films into an empty folder."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -137,7 +174,7 @@ def write_tables(
     joined = {name: np.concatenate([episode[name] for episode in episodes]) for name in _FEATURES}
     pq.write_table(_frames_table(joined), folder / DATA_FILE, compression="snappy")
     task = f"Cast the free end of {dataset.cable.name} onto the table."
-    rows = [_episode_row(episode, task, fps, video is not None) for episode in episodes]
+    rows = [_episode_row(episode, task, fps, video) for episode in episodes]
     pq.write_table(pa.Table.from_pylist(rows), folder / EPISODES_FILE, compression="snappy")
     # LeRobot reads the tasks with pandas, where they are the index of the table.
     tasks = pa.table({"task_index": pa.array([0], pa.int64()), "task": [task]})
@@ -147,12 +184,12 @@ def write_tables(
     if video is not None:
         features[VIDEO_KEY] = {
             "dtype": "video",
-            "shape": [video["height"], video["width"], 3],
+            "shape": [*video.size, 3],
             "names": ["height", "width", "channels"],
             "info": {
                 "video.fps": fps,
-                "video.height": video["height"],
-                "video.width": video["width"],
+                "video.height": video.size[0],
+                "video.width": video.size[1],
                 "video.channels": 3,
                 "video.codec": "h264",
                 "video.pix_fmt": "yuv420p",
@@ -177,7 +214,9 @@ def write_tables(
         else "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
         "features": features,
     }
-    stats = {name: statistics(values) for name, values in joined.items()}
+    stats: dict[str, Any] = {name: statistics(values) for name, values in joined.items()}
+    if video is not None:
+        stats[VIDEO_KEY] = video.statistics()
     for name, values in (("info", info), ("stats", stats)):
         (folder / f"meta/{name}.json").write_text(
             json.dumps(values, indent=2) + "\n", encoding="utf-8"
@@ -225,7 +264,7 @@ def _frames_table(joined: Mapping[str, NDArray]) -> Any:
     return pa.table(arrays)
 
 
-def _episode_row(episode: Episode, task: str, fps: int, has_video: bool) -> dict[str, Any]:
+def _episode_row(episode: Episode, task: str, fps: int, video: Video | None) -> dict[str, Any]:
     first, length = int(episode["index"][0]), len(episode["index"])
     row: dict[str, Any] = {
         "episode_index": int(episode["episode_index"][0]),
@@ -238,7 +277,7 @@ def _episode_row(episode: Episode, task: str, fps: int, has_video: bool) -> dict
         "meta/episodes/chunk_index": 0,
         "meta/episodes/file_index": 0,
     }
-    if has_video:
+    if video is not None:
         # The films of all episodes lie one after the other in one file.
         row |= {
             f"videos/{VIDEO_KEY}/chunk_index": 0,
@@ -246,6 +285,8 @@ def _episode_row(episode: Episode, task: str, fps: int, has_video: bool) -> dict
             f"videos/{VIDEO_KEY}/from_timestamp": first / fps,
             f"videos/{VIDEO_KEY}/to_timestamp": (first + length) / fps,
         }
+        pictures = video.statistics(row["episode_index"])
+        row |= {f"stats/{VIDEO_KEY}/{key}": value for key, value in pictures.items()}
     for name, values in episode.items():
         row |= {f"stats/{name}/{key}": value for key, value in statistics(values).items()}
     return row

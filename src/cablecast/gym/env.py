@@ -17,6 +17,7 @@ from cablecast.conventions import side_of
 from cablecast.data.simulate import simulate_actions
 from cablecast.engines import make_engine
 from cablecast.errors import ActionError, InputError, check_count, check_number
+from cablecast.gym.picture import picture
 from cablecast.motion.action import (
     PSI_MAX,
     Action,
@@ -44,6 +45,7 @@ INFEASIBLE = "infeasible"
 """Status of an action that is no casting motion, or that the arm cannot make."""
 
 TRIES_MAX = 100
+RENDER_MODES = ("rgb_array",)
 VECTOR_COUNT_MAX = 100_000
 
 TARGET_RADII = (0.43, 1.23)
@@ -248,8 +250,12 @@ class _Casts:
         rig: str | Rig = "engine",
         rig_seed: int = 0,
         device: str = "cpu",
+        render_mode: str | None = None,
         **options: Any,
     ):
+        if render_mode not in (None, *RENDER_MODES):
+            raise InputError(f"render_mode {str(render_mode)[:40]!r} must be one of rgb_array")
+        self.render_mode = render_mode
         setup = setup or (tuned.setup if tuned is not None else Setup())
         tuned = Tuned.of(tuned, setup)
         self.dynamics = tuned.dynamics
@@ -263,6 +269,8 @@ class _Casts:
         self.target_xy = np.zeros((count, 2))
         self.cables = np.zeros((count, self.task.space.dimension))
         self.casts = np.zeros((count, self.task.tries - 1, _CAST_SIZE))
+        # Where the casts at the target landed, the latest first.
+        self.landings = np.full((count, self.task.tries, 2), np.nan)
         # Casts at the target so far; at `tries` the next episode draws a new one.
         self.done = np.full(count, self.task.tries)
 
@@ -294,7 +302,7 @@ class _Casts:
             targets = np.broadcast_to(xy, (self.count, 2))
         self.target_xy = np.where(fresh[:, None], targets, self.target_xy)
         self.cables = np.where(fresh[:, None], cables, self.cables)
-        self.casts[fresh] = 0.0
+        self.casts[fresh], self.landings[fresh] = 0.0, np.nan
         self.done[fresh] = 0
         return self.observe()
 
@@ -306,6 +314,7 @@ class _Casts:
         if self.task.tries > 1:
             rows = self.task.cast_rows(values, self.target_xy, landing_xy)
             self.casts = np.concatenate([rows[:, None], self.casts], axis=1)[:, :-1]
+        self.landings = np.concatenate([landing_xy[:, None], self.landings], axis=1)[:, :-1]
         self.done += 1
         return rewards, {
             "action": actions,
@@ -340,6 +349,13 @@ class _Casts:
     def observe(self) -> Observation:
         return self.task.observations(self.target_xy, self.cables, self.casts)
 
+    def pictures(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of each environment; None unless a render mode asks for them."""
+        if self.render_mode is None:
+            return None
+        shown = zip(self.target_xy, self.landings, strict=True)
+        return tuple(picture(self.task.setup.workspace, *each) for each in shown)
+
     def spaces(self) -> tuple[spaces.Box, spaces.Box]:
         """Return the spaces of the actions and of the observations of one environment."""
         low, high = (bound.astype(np.float32) for bound in self.task.action_bounds)
@@ -362,19 +378,19 @@ class CastEnv(gymnasium.Env):
         setup: Cable, workspace, arm and motion settings; those of `tuned`, or the paper's.
         **options: `tuned`, parameters of the cable and servo of the arm as `tune` finds them;
             `rig`, "engine", "virtual", package.module:factory or a rig, and `rig_seed`, the seed of
-            its random numbers; `device` of the engine, "cpu" or "cuda"; and the attributes of
-            `CastTask` after `params`.
+            its random numbers; `device` of the engine, "cpu" or "cuda"; `render_mode`, None or
+            "rgb_array" for pictures from above; and the attributes of `CastTask` after `params`.
 
     Raises:
         InputError: An option is out of bounds, or needs the engine.
         RigError: There is no such rig.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 1}  # noqa: RUF012
 
     def __init__(self, setup: Setup | None = None, **options: Any):
         self._casts = _Casts(1, setup, **options)
-        self.task = self._casts.task
+        self.task, self.render_mode = self._casts.task, self._casts.render_mode
         self.action_space, self.observation_space = self._casts.spaces()
 
     def reset(
@@ -392,6 +408,11 @@ class CastEnv(gymnasium.Env):
         info["status"] = str(info["status"])
         return self._casts.observe()[0], float(rewards[0]), True, False, info
 
+    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return the table from above with target and landings, shape [row, column, 3]."""
+        pictures = self._casts.pictures()
+        return None if pictures is None else pictures[0]
+
     def close(self) -> None:
         """Close the rig."""
         self._casts.close()
@@ -400,23 +421,38 @@ class CastEnv(gymnasium.Env):
 class CastVectorEnv(gymnasium.vector.VectorEnv):
     """Many casts at once: a step is one batch of the engine, and ends every episode.
 
-    The observations that a step returns are those of the next episodes (same-step autoreset); those
-    of the ended ones are `info["final_obs"]`. A rig makes the casts one after the other where it
-    cannot make many.
+    With next-step autoreset, Gymnasium's default, every other step starts the next episodes and
+    leaves its actions alone. With same-step autoreset each step returns the observations of the
+    next episodes; those of the ended ones are `info["final_obs"]`, beside `info["final_info"]`.
+    A rig makes the casts one after the other where it cannot make many.
 
     Args:
         num_envs: Number of casts in a step.
         setup: As for `CastEnv`.
+        autoreset_mode: When the next episodes start.
         **options: As for `CastEnv`.
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+    metadata = CastEnv.metadata
 
-    def __init__(self, num_envs: int = 64, setup: Setup | None = None, **options: Any):
+    def __init__(
+        self,
+        num_envs: int = 64,
+        setup: Setup | None = None,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ):
+        mode = AutoresetMode(autoreset_mode)
+        if mode is AutoresetMode.DISABLED:
+            raise InputError("autoreset_mode must be NextStep or SameStep: each step ends episodes")
+        self.metadata = self.metadata | {"autoreset_mode": mode}
+        self._same_step, self._ended = mode is AutoresetMode.SAME_STEP, False
         if not 1 <= num_envs <= VECTOR_COUNT_MAX:
             raise InputError(f"num_envs = {num_envs} must be in [1, {VECTOR_COUNT_MAX}]")
         self._casts = _Casts(num_envs, setup, **options)
         self.task, self.num_envs = self._casts.task, num_envs
+        self.render_mode = self._casts.render_mode
         self.single_action_space, self.single_observation_space = self._casts.spaces()
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -431,20 +467,38 @@ class CastVectorEnv(gymnasium.vector.VectorEnv):
         """
         first = seed[0] if isinstance(seed, (list, tuple)) else seed
         super().reset(seed=first)
+        self._ended = False
         observations = self._casts.reset(self.np_random, first, options)
-        return observations, {"target_xy": self._casts.target_xy.copy()}
+        return observations, self._targets()
+
+    def _targets(self) -> dict[str, Any]:
+        every = np.ones(self.num_envs, dtype=bool)
+        return {"target_xy": self._casts.target_xy.copy(), "_target_xy": every}
 
     def step(
         self, actions: ArrayLike
     ) -> tuple[Observation, NDArray, NDArray, NDArray, dict[str, Any]]:
-        """Make one cast in each environment as one batch, and start the next episodes."""
-        rewards, info = self._casts.step(actions)
+        """Make one cast in each environment as one batch, or start the next episodes."""
         every = np.ones(self.num_envs, dtype=bool)
+        if self._ended:
+            self._ended = False
+            observations = self._casts.start(self.np_random)
+            return observations, np.zeros(self.num_envs), ~every, ~every, self._targets()
+        rewards, info = self._casts.step(actions)
         info |= {f"_{name}": every for name in tuple(info)}
+        observations = self._casts.observe()
+        if not self._same_step:
+            self._ended = True
+            return observations, rewards, every.copy(), ~every, info
         final = np.empty(self.num_envs, dtype=object)
-        final[:] = list(self._casts.observe())
-        info |= {"final_obs": final, "_final_obs": every}
-        return self._casts.start(self.np_random), rewards, every.copy(), ~every, info
+        final[:] = list(observations)
+        info = {"final_info": info, "_final_info": every, "final_obs": final, "_final_obs": every}
+        observations = self._casts.start(self.np_random)
+        return observations, rewards, every.copy(), ~every, info | self._targets()
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return the table of each environment from above; see `CastEnv.render`."""
+        return self._casts.pictures()
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the rig."""

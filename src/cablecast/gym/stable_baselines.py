@@ -13,7 +13,7 @@ class CastVecEnv(VecEnv):
     """A `CastVectorEnv` for the learners of Stable-Baselines3.
 
     Args:
-        env: Many casts at once.
+        env: Many casts at once, of the default autoreset mode.
     """
 
     def __init__(self, env: CastVectorEnv):
@@ -33,16 +33,16 @@ class CastVecEnv(VecEnv):
 
     def step_wait(self) -> Any:
         """Make the batch of casts; see `CastVectorEnv.step`."""
-        observations, rewards, dones, _, info = self.env.step(self._actions)
+        final, rewards, dones, _, info = self.env.step(self._actions)
         infos = [
             {
-                "terminal_observation": info["final_obs"][row],
+                "terminal_observation": final[row],
                 "status": str(info["status"][row]),
                 "landing_xy": info["landing_xy"][row],
             }
             for row in range(self.num_envs)
         ]
-        return observations, rewards.astype(np.float32), dones, infos
+        return self.env.reset()[0], rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:
         """Close the rig."""

@@ -1,22 +1,20 @@
-"""export_dataset: a dataset in the layout of another library."""
+"""export_dataset: a dataset in the layout of LeRobot."""
 
 import os
 import pathlib
 import shutil
 import tempfile
-import typing
 from collections.abc import Iterator
-from typing import Any
+
+import numpy as np
 
 from cablecast.data.dataset import Dataset
-from cablecast.data.lerobot import VIDEO_FILE, Episode, episodes_of, write_tables
+from cablecast.data.lerobot import VIDEO_FILE, Episode, Video, episodes_of, write_tables
 from cablecast.errors import DatasetError, InputError, check_count
 from cablecast.files import remove_leftovers, temporary_prefix
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.video import Image, read_video, write_video
-
-ExportFormat = typing.Literal["lerobot"]
 
 FPS_MAX = 1000
 FILM_NAME = "{number:06d}.mp4"
@@ -27,24 +25,20 @@ def export_dataset(
     dataset: Dataset,
     out: str | os.PathLike[str],
     *,
-    format: ExportFormat = "lerobot",
     fps: int = 10,
     films: str | os.PathLike[str] | None = None,
     progress: ProgressCallback = ignore,
 ) -> pathlib.Path:
-    """Write casts of a rig as a data set of another library.
+    """Write casts of a rig as a data set of LeRobot.
 
     The folder must be new or empty, is written whole or not at all, and is returned. Films, a
     folder with 000000.mp4 and so on, start with the motion of their cast.
 
     Raises:
-        InputError: An unknown format, a number out of bounds, a missing film, or a folder that is
-            not empty.
+        InputError: A number out of bounds, a missing film, or a folder that is not empty.
         DatasetError: The casts were simulated, or have no tracks or joints.
         MissingExtraError: There are films, and OpenCV is not installed.
     """
-    if format not in typing.get_args(ExportFormat):
-        raise InputError(f"format {str(format)[:40]!r} must be one of lerobot")
     check_count("fps", fps, high=FPS_MAX)
     if dataset.kind == "sim":
         raise DatasetError("simulated casts have no tracks of joints: export casts of a rig")
@@ -83,29 +77,34 @@ def _join_films(
     episodes: list[Episode],
     fps: int,
     progress: ProgressCallback,
-) -> dict[str, Any]:
+) -> Video:
     """Write one film of all episodes, with one frame per frame of the data."""
     total = len(episodes)
-    size: dict[str, Any] = {}
+    sizes: list[tuple[int, int]] = []
+    colors = np.zeros((total, 3, 256), dtype=np.int64)
 
     def frames() -> Iterator[Image]:
         for done, episode in enumerate(episodes):
             progress(Progress(task="Joining films", done=done, total=total, unit="casts"))
             path = films / FILM_NAME.format(number=done)
             for frame in _film_frames(path, len(episode["index"]), fps):
-                height, width = frame.shape[:2]
-                size.setdefault("height", height)
-                size.setdefault("width", width)
-                if (size["height"], size["width"]) != (height, width):
+                sizes[:] = sizes or [frame.shape[:2]]
+                (height, width), here = sizes[0], frame.shape[:2]
+                if here != (height, width):
                     raise InputError(
-                        f"{path} has {width} x {height} px, others {size['width']} x "
-                        f"{size['height']}: films of one camera have one size"
+                        f"{path} has {here[1]} x {here[0]} px, others {width} x {height}: films of "
+                        "one camera have one size"
                     )
+                # OpenCV's order is blue, green, red.
+                for channel in range(3):
+                    values = frame[..., 2 - channel].ravel()
+                    colors[done, channel] += np.bincount(values, minlength=256)
                 yield frame
 
     write_video(file, frames(), fps)
     progress(Progress(task="Joining films", done=total, total=total, unit="casts"))
-    return size
+    counts = tuple(len(episode["index"]) for episode in episodes)
+    return Video(size=sizes[0], colors=colors, frame_counts=counts)
 
 
 def _film_frames(path: pathlib.Path, count: int, fps: int) -> Iterator[Image]:

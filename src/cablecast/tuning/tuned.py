@@ -6,14 +6,17 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import PAPER_PARAMS, CableParams
 from cablecast.conventions import finite_or_none
 from cablecast.engines import make_engine
+from cablecast.engines.base import Engine, Rollout
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import DamagedFileError, InputError, check_name, says_what_it_takes
 from cablecast.files import CHECKSUM_KEY, read_json, read_sealed, seal, write_json
+from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.grip_path import GripPath
 from cablecast.motion.servo import ServoModel
 from cablecast.setup import Setup
 from cablecast.tuning.ensemble import Ensemble, believed_ensemble
@@ -53,6 +56,24 @@ class Tuned:
     def params(self) -> CableParams:
         """Parameters of the cable."""
         return self.dynamics.params
+
+    def rollout(
+        self, motion: GripPath | ArrayLike, engine: Engine | None = None, **options: Any
+    ) -> Rollout:
+        """Play casts as the fit has them: with its cable, material and servo.
+
+        Args:
+            motion: Actions (theta1, theta2, r2, psi), shape [4] or [cast, 4]; or paths that the
+                gripper is commanded to take.
+            engine: Simulator; `EngineWarp` by default, which alone plays a material.
+            **options: Arguments of `Engine.rollout` after the path.
+
+        Raises:
+            ActionError: An action is not a casting motion.
+        """
+        if not isinstance(motion, GripPath):
+            motion = cast_grip_paths(np.atleast_2d(np.asarray(motion, dtype=float)), self.setup)
+        return self.dynamics.rollout(engine or make_engine("warp"), self.setup, motion, **options)
 
     @classmethod
     def believed(cls, setup: Setup, seed: int = 0) -> "Tuned":
