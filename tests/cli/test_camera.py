@@ -13,7 +13,7 @@ from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup, load_setup
-from cablecast.vision.video import FilmWriter
+from cablecast.vision.video import FilmWriter, read_video
 
 RATE, WIDTH, HEIGHT = 30.0, 640, 360
 OFFSET = 812.3456
@@ -140,6 +140,33 @@ def test_the_offset_of_the_clocks_is_found_from_the_swinging_arm(swing, capsys):
     assert settings.clock_offset_sd is not None
     assert 0 < settings.clock_offset_sd < SD_MAX
     assert "standard deviation" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("slower", "true"), [(1.0, None), (2.0, 30), (0.5, 30)])
+def test_a_track_with_a_log_has_its_time_and_a_film_of_another_rate_is_refused(
+    swing, tmp_path, capsys, slower, true
+):
+    _, frames = read_video(swing / "swing.mkv")
+    with FilmWriter(tmp_path / "film.mkv", RATE / slower) as writer:
+        for time, image in frames:
+            writer.write(image, slower * time)
+    lines = (swing / "log.csv").read_text().splitlines()
+    rows = (line.partition(",") for line in lines[1:])
+    later = [f"{float(time) - OFFSET - 0.25:.6f},{rest}" for time, _, rest in rows]
+    (tmp_path / "log.csv").write_text("\n".join([lines[0], *later]))
+    arguments = ["track", str(tmp_path / "film.mkv"), "--log", str(tmp_path / "log.csv")]
+    arguments += ["--out", str(tmp_path / "out")]
+    if true is None:
+        assert main(arguments) == 0
+        first = (tmp_path / "out" / "frames.csv").read_text().splitlines()[1]
+        # The film starts a quarter of a second before the log's time 0.
+        assert float(first.split(",")[1]) == pytest.approx(-0.25, abs=OFFSET_MAX)
+        return
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert f"filmed with about {true} frames/s, and stored as {RATE / slower:.0f}?" in said
+    # The true rate is believed.
+    assert main([*arguments, "--rate", str(true)]) == 0
 
 
 def test_a_log_of_another_motion_is_refused(swing, tmp_path, capsys):

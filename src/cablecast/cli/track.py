@@ -42,6 +42,9 @@ class Track:
     """Point near the endpoint at the beginning of the video [m]."""
     start: Annotated[float, argument("S")] = 0.0
     """Time of the first frame of the motion, which is time 0 of the track [s]."""
+    log: Annotated[pathlib.Path | None, argument("FILE", "the film's rate is believed")] = None
+    """CSV of the joints of the arm in the video: time_s [s] and q1 to q6 [rad]. Its time 0 is that
+    of the track, in place of --start, and the arm's way tells whether the film's rate is true."""
     rate: Annotated[float | None, argument("1/S", "as many as it is stored with")] = None
     """Frames per second with which the video was taken, for slow motion [1/s]."""
     marker: Annotated[tuple[float, float], argument("LENGTH WIDTH")] = (0.038, 0.016)

@@ -1,12 +1,15 @@
 """Verbs of the camera: check_camera, sync_camera, sync_film, calibrate_table, calibrate_lens_of."""
 
 import dataclasses
+import itertools
 import pathlib
 from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.base import Arm
+from cablecast.camera.lens import CameraView
 from cablecast.camera.tags import Point, TableFit, fit_table
 from cablecast.errors import CameraError, InputError, check_count, check_number
 from cablecast.files import read_csv
@@ -111,19 +114,36 @@ def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffse
     Raises:
         InputError: A file makes no sense, or the motion was too short, or not seen.
     """
-    settings, reported = require_camera(setup), _read_log(log, setup.arm.joint_count)
+    settings, reported = require_camera(setup), read_log(log, setup.arm)
+    frames = read_video(film)[1]
+    first = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
+    view = calibrate_camera(first, setup).view
+    return film_offset(film, reported, setup.arm, view, settings.row_time)
+
+
+def film_offset(
+    film: pathlib.Path,
+    reported: JointPath,
+    arm: Arm,
+    view: CameraView,
+    row_time: float = 0.0,
+    pace: float = 1.0,
+) -> ClockOffset:
+    """Return the time of the robot's clock at a film's first frame, a second of which took a pace.
+
+    Raises:
+        InputError: The motion was too short or not seen, or it was as long as another pace has it.
+    """
     info, frames = read_video(film)
-    clock, first = CastClock(info.width, settings.row_time), []
+    clock = CastClock(info.width, row_time)
     for time, image in frames:
-        if len(first) < _CALIBRATION_FRAMES:
-            first.append(image)
-        clock.keep(image, time)
-    return clock.sync(reported, setup.arm, calibrate_camera(first, setup).view)
+        clock.keep(image, pace * time)
+    return clock.sync(reported, arm, view)
 
 
-def _read_log(path: pathlib.Path, joint_count: int) -> JointPath:
+def read_log(path: pathlib.Path, arm: Arm) -> JointPath:
     """Return the joints that a robot reported in a CSV file."""
-    columns = ("time_s", *(f"q{joint}" for joint in range(1, joint_count + 1)))
+    columns = ("time_s", *(f"q{joint}" for joint in range(1, arm.joint_count + 1)))
     rows = read_csv(path, columns)
     try:
         values = np.array([[float(row[name]) for name in columns] for row in rows])

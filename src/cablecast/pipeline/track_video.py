@@ -16,6 +16,7 @@ from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import DamagedFileError, InputError, check_number, says_what_it_takes
 from cablecast.files import read_csv, write_bytes, write_text
+from cablecast.pipeline.camera import film_offset, read_log
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import METRICS_FILE, RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
@@ -59,6 +60,8 @@ class TrackConfig:
         begin: Point near the endpoint when the video starts [m]; straight ahead at the end of the
             cable where None.
         start: Time at which the motion begins, from the first frame on [s].
+        log: CSV file of the joints of the arm in the film (time_s, q1 to q6), whose time 0 is then
+            that of the track, and by which the film's rate is checked.
         rate: Frames per second with which the video was taken [1/s]; as many as it is stored with
             where None, which must then be possible.
         marker: Length and width of the marker along and across the cable [m].
@@ -73,6 +76,7 @@ class TrackConfig:
     view_deg: float = 78.0
     begin: tuple[float, float] | None = None
     start: float = 0.0
+    log: pathlib.Path | None = None
     rate: float | None = None
     marker: tuple[float, float] = (0.038, 0.016)
     marker_hue: float | None = None
@@ -83,6 +87,8 @@ class TrackConfig:
         check_number("marker_z", self.marker_z or 0.0, 0.0, 0.5, "m")
         if self.calibration is not None and (self.tags or self.board):
             raise InputError("a calibration says it all: give either it, or tags and board")
+        if self.log is not None and self.start:
+            raise InputError("the log says when the motion begins: give either it, or the start")
         check_number("view_deg", self.view_deg, 5.0, 175.0, "deg")
         check_number("start", self.start, 0.0, 3600.0, "s")
         check_number("rate", self.rate or RATE_MAX, RATE_MIN, 100 * RATE_MAX, "1/s")
@@ -141,6 +147,7 @@ def track_video(
         "calibration_sha256": _digest(config.calibration),
         "tags_sha256": _digest(config.tags),
         "board_sha256": _digest(config.board),
+        **({} if config.log is None else {"log_sha256": _digest(config.log)}),
         **{name: getattr(config, name) for name in _PLAIN},
     }
     with folder_or_temporary(out) as folder:
@@ -211,15 +218,19 @@ def _track(
             f"--rate {taken:g} if it is slow motion, or --rate {info.rate:g} if not"
         )
     pace = 1.0 if taken is None else info.rate / taken
+    start = config.start
+    if config.log is not None:
+        reported = read_log(config.log, setup.arm)
+        start = -film_offset(video, reported, setup.arm, calibration.view, pace=pace).offset
     for count, (time, image) in enumerate(frames, start=1):
         tracker.update(
-            pace * time - config.start,
+            pace * time - start,
             lambda w, image=image: image[w[1] : w[3], w[0] : w[2]],
         )
         if count % 60 == 0:
             total = max(info.frame_count, count)
             progress(Progress(task=task, done=count, total=total, unit="frames"))
-    if config.rate is None:
+    if config.rate is None and config.log is None:
         check_film_rate(*tracker.frames, info.rate)
     return tracker, calibration, image
 

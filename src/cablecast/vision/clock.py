@@ -207,8 +207,8 @@ class CastClock:
         if best.explained > _EXPLAINED_MIN and not 1 / _PACE_OFF < pace < _PACE_OFF:
             raise InputError(
                 f"by the arm's way, a second of this film took {pace:.2g} s: "
-                f"{_rate_words(pace, self._rate)} Store it with its own times, or take "
-                "`clock: arrival` for a live camera that makes them up"
+                f"{_rate_words(pace, self._rate)} Say the true ones (`track --rate`), "
+                "or take `clock: arrival` for a live camera that makes its times up"
             )
         if found.explained < _EXPLAINED_MIN:
             raise InputError(
@@ -221,7 +221,7 @@ class CastClock:
     @property
     def _rate(self) -> float:
         """Frames per second by their times [1/s]."""
-        return 1.0 / float(np.median(np.diff([time for time, _ in self._kept])))
+        return (len(self._kept) - 1) / (self._kept[-1][0] - self._kept[0][0])
 
     def _seen(self, reported: JointPath, arm: Arm, view: CameraView) -> "_Motion | None":
         """Return the pairs of frames in which most moves; None if the arm hardly does in sight."""
