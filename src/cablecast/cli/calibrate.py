@@ -119,6 +119,7 @@ class Calibrate:
         print(f"lens      focal length {focal[0]:.1f} x {focal[1]:.1f} px +- {fit.focal_sd:.1f}")
         u, v = fit.lens.centre
         print(f"centre    {u:.1f}, {v:.1f} px +- {fit.centre_sd:.1f}")
+        print(f"table     +- {fit.edge_sd:.1f} px at the picture's edge")
 
 
 def _ask_for_touch(tag_id: int) -> tuple[float, float, float] | None:

@@ -37,6 +37,9 @@ FOCAL_SD_MAX = 0.01
 CENTRE_SD_MAX = 0.003
 """Largest standard deviation of the centre, as a share of the width. Sets of pictures below both
 bounds put points on the table, and to 5 cm above it, within 1 mm; see test_lens_fit.py."""
+EDGE_SD_MAX = 1 / 1280
+"""Largest standard deviation of a place on the table by the lens, anywhere in the picture, as a
+share of the width: boards that were never near the edges leave a hundred times that."""
 _TILT_ADVICE = (
     "take pictures with the board tilted by 20 to 40 degrees, to the left, right, front and back, "
     "and with it in the corners of the picture"
@@ -94,6 +97,8 @@ class LensFit:
         focal_sd: Standard deviation of the focal lengths, the larger [px].
         centre_sd: Standard deviation of the centre along u and v, the larger [px].
         distortion_sd: Standard deviations of k1, k2, p1, p2, k3 [-].
+        edge_sd: Standard deviation of where the lens puts the table, at the worst place of the
+            picture, most often a corner [px].
     """
 
     lens: Lens
@@ -103,6 +108,7 @@ class LensFit:
     focal_sd: float
     centre_sd: float
     distortion_sd: tuple[float, ...]
+    edge_sd: float
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -221,7 +227,8 @@ def fit_lens(found: Sequence[tuple[Any, Any]], board: Board, size: tuple[int, in
         lens = _lens_from_opencv(*size, K, distortion)
     except (cv2.error, InputError):
         raise InputError(f"the pictures do not determine the lens: {_TILT_ADVICE}") from None
-    sds = rms * _intrinsic_sds(objects, K, distortion, rvecs, tvecs)
+    covariance = rms**2 * _intrinsic_covariance(objects, K, distortion, rvecs, tvecs)
+    sds = np.sqrt(np.diag(covariance))
     fit = LensFit(
         lens=lens,
         rms_px=float(rms),
@@ -230,6 +237,7 @@ def fit_lens(found: Sequence[tuple[Any, Any]], board: Board, size: tuple[int, in
         focal_sd=float(max(sds[:2])),
         centre_sd=float(max(sds[2:4])),
         distortion_sd=tuple(sds[4:].tolist()),
+        edge_sd=_edge_sd(lens, covariance),
     )
     tilts = [np.degrees(np.arccos(abs(cv2.Rodrigues(rvec)[0][2, 2]))) for rvec in rvecs]
     share = fit.focal_sd / min(lens.focal)
@@ -240,6 +248,11 @@ def fit_lens(found: Sequence[tuple[Any, Any]], board: Board, size: tuple[int, in
             f"{100 * FOCAL_SD_MAX:g} % and {CENTRE_SD_MAX * width:.1f} px. The board is tilted by "
             f"{min(tilts):.0f} to {max(tilts):.0f} deg: {_TILT_ADVICE}"
         )
+    if not fit.edge_sd <= EDGE_SD_MAX * width:
+        raise InputError(
+            f"the pictures leave the lens open by {fit.edge_sd:.1f} px at the picture's edge, "
+            f"above {EDGE_SD_MAX * width:.1f} px: {_TILT_ADVICE}"
+        )
     return fit
 
 
@@ -249,26 +262,43 @@ def _apart(a: dict[int, NDArray[np.float32]], b: dict[int, NDArray[np.float32]])
     return float(np.mean([np.linalg.norm(a[i] - b[i]) for i in common])) if common else np.inf
 
 
-def _intrinsic_sds(
+def _inner_slopes(points: Any, rvec: Any, tvec: Any, K: Any, distortion: Any) -> Any:
+    """Return derivatives of pixels by fu, fv, cu, cv, k1, k2, p1, p2, k3, shape [2 * point, 9].
+
+    What the board's pose, which is fitted too, explains is left out.
+    """
+    slopes = load_cv2().projectPoints(points, rvec, tvec, K, distortion)[1]
+    pose, inner = slopes[:, :6], slopes[:, 6:15]
+    return inner - pose @ np.linalg.lstsq(pose, inner, rcond=None)[0]
+
+
+def _intrinsic_covariance(
     objects: list[Any], K: Any, distortion: Any, rvecs: Any, tvecs: Any
 ) -> NDArray[np.float64]:
-    """Return standard deviations of fu, fv, cu, cv, k1, k2, p1, p2, k3 for a misfit of 1 px (rms).
+    """Return the covariance of fu, fv, cu, cv, k1, k2, p1, p2, k3 for a misfit of 1 px (rms).
 
     OpenCV's own (`calibrateCameraExtended`) leaves directions out that the pictures do not
     determine at all, and so calls a lens exact about which they say nothing.
     """
-    cv2, information = load_cv2(), np.zeros((9, 9))
+    information = np.zeros((9, 9))
     for points, rvec, tvec in zip(objects, rvecs, tvecs, strict=True):
-        slopes = cv2.projectPoints(points, rvec, tvec, K, distortion)[1]
-        pose, inner = slopes[:, :6], slopes[:, 6:15]
-        # What the board's pose, which is fitted too, does not explain.
-        inner = inner - pose @ np.linalg.lstsq(pose, inner, rcond=None)[0]
+        inner = _inner_slopes(points, rvec, tvec, K, distortion)
         information += inner.T @ inner
     scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     # The misfit is that of both coordinates of a corner.
-    variance = (vectors**2 / np.maximum(values, 1e-14)).sum(axis=1) / 2
-    return np.sqrt(variance) / scale
+    covariance = (vectors / np.maximum(values, 1e-14)) @ vectors.T / 2
+    return covariance / np.outer(scale, scale)
+
+
+def _edge_sd(lens: Lens, covariance: NDArray[np.float64]) -> float:
+    """Return how far a lens leaves a table open whose pose is found with it, where most [px]."""
+    u, v = np.meshgrid(np.linspace(0, lens.width - 1, 17), np.linspace(0, lens.height - 1, 10))
+    ideal = lens.undistort(np.stack([u, v], axis=-1)).reshape(-1, 2)
+    table, none = np.column_stack([ideal, np.ones(len(ideal))]), np.zeros(3)
+    slopes = _inner_slopes(table, none, none, lens.matrix, np.array(lens.distortion))
+    variance = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
+    return float(np.sqrt(variance.reshape(-1, 2).sum(axis=1).max()))
 
 
 def find_board(image: NDArray[np.uint8], board: Board) -> tuple[Any, Any]:
