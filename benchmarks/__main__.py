@@ -69,7 +69,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         PHYSICS,
         "share of a miss that one correction leaves on uneven friction",
     ),
-    "preparation": ("times:preparation", LEARNING, "time from five casts to the first aimed one"),
+    "preparation": ("times:preparation", LEARNING, "waits: fit, first plan, each try, opening"),
     "cluster": (
         "times:cluster",
         (*PHYSICS, "data"),

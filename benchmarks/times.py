@@ -1,23 +1,26 @@
-"""Times on this computer: from calibration casts to the first aimed one, and of a Ray cluster.
+"""Times on this computer: waits of a person who aims, and of a Ray cluster.
 
-preparation: the rig makes its casts before the clock starts. Then each part is timed: the fit with
-its six simulators, the simulated casts and the training on them, and the choice of the
-first cast. A short warm-up run compiles missing kernels first; --cold skips it.
+preparation: what a person waits for while aiming: the fit with its six simulators, the simulated
+casts, the choice of the first cast and of each further one, what is learned from a landing, and the
+session when it is opened again. The rig's own time is left out. A short warm-up run compiles
+missing kernels first; --cold skips it.
 
 cluster: simulates the same dataset with one thread here, then with one and with two Ray workers of
 one core. The clock runs from the first motion that is sent to the last shard that is written;
 starting the cluster is timed by itself. Files must be equal to the bit.
 """
 
+import contextlib
 import dataclasses
-import itertools
 import pathlib
 import tempfile
 import time
 from collections.abc import Iterator
 
+import numpy as np
+
 import cablecast as cc
-from benchmarks.places import open_rig
+from benchmarks.places import open_rig, random_targets
 from benchmarks.result import Table
 from cablecast.cli.progress import console_progress
 from cablecast.data.simulate import SIMULATED_COUNT, simulate_dataset
@@ -26,78 +29,92 @@ from cablecast.files import core_count
 from cablecast.runs.progress import Progress
 from cablecast.setup import Setup
 
-PREPARATION_COLUMNS = (
-    "cable",
-    "fit [s]",
-    "casts and model [s]",
-    "first choice [s]",
-    "together [s]",
-)
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PreparationArgs:
-    """Time from calibration casts to the first aimed one."""
+    """What a person waits for while aiming, in seconds of the clock and of the processor."""
 
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
+    rig: str = "virtual:4"
+    """Rig, as in `python -m benchmarks casts`."""
     lab: int = 0
     """Seed of the laboratory."""
-    calibration: int = cc.AimConfig.calibration_count
-    """Casts before the first aimed one."""
-    count: int = cc.AimConfig.simulated_count
-    """Simulated casts that the model is trained on."""
-    epochs: int = cc.AimConfig.epochs
-    """Largest number of passes over them."""
-    target: tuple[float, float] = (1.05, 15.0)
-    """Target of the first aimed cast: distance from the base [m] and angle to the right [deg]."""
+    targets: int = 12
+    """Targets of the session."""
+    tries: int = 2
+    """Casts at each target."""
     device: str = "cpu"
-    """Device that simulates and trains: "cpu" or "cuda"."""
+    """Device that simulates: "cpu" or "cuda"."""
     cold: bool = False
     """Skip the warm-up run: times then include the compilation of missing kernels."""
 
 
-def time_preparation(cable: str, args: PreparationArgs) -> tuple[float, ...]:
-    """Return the times of the parts and of all [s]."""
-    r, theta_deg = args.target
+class Waits:
+    """Seconds of the clock and of all cores of this process, by what was waited for."""
+
+    def __init__(self):
+        self.seconds: dict[str, list[tuple[float, float]]] = {}
+
+    @contextlib.contextmanager
+    def timed(self, name: str) -> Iterator[None]:
+        start = time.perf_counter(), time.process_time()
+        yield
+        took = time.perf_counter() - start[0], time.process_time() - start[1]
+        self.seconds.setdefault(name, []).append(took)
+
+
+def time_session(cable: str, args: PreparationArgs) -> Waits:
+    """Prepare a session, aim, and open it again; the rig's own time is not counted."""
+    waits = Waits()
+    setup = cc.Setup(cable=cable)
+    config = cc.AimConfig(
+        within_pct=0.01, tries=args.tries, anyway=True, refit=False, device=args.device
+    )
     with (
-        open_rig("virtual", args.lab, cc.Setup(cable=cable)) as rig,
+        open_rig(args.rig, args.lab, setup) as rig,
         console_progress() as progress,
         tempfile.TemporaryDirectory() as out,
     ):
-        casts = cc.collect(rig, count=args.calibration, sampling="spread", progress=progress)
-        moments = [time.perf_counter()]
-        tuned = cc.tune(casts, validation_count=0, progress=progress)
-        moments.append(time.perf_counter())
-        session = cc.prepare_aim(
-            rig,
-            cc.AimConfig(simulated_count=args.count, epochs=args.epochs, device=args.device),
-            casts=casts,
-            tuned=tuned,
-            out=out,
-            progress=progress,
+        casts = cc.collect(
+            rig, count=config.calibration_count, sampling="spread", progress=progress
         )
-        moments.append(time.perf_counter())
-        session.propose(r=r, theta_deg=theta_deg)
-        moments.append(time.perf_counter())
-    parts = [after - before for before, after in itertools.pairwise(moments)]
-    return (*parts, sum(parts))
+
+        def prepare(tuned: cc.Tuned | None = None) -> cc.AimSession:
+            return cc.prepare_aim(rig, config, casts=casts, tuned=tuned, out=out, progress=progress)
+
+        with waits.timed("fit"):
+            tuned = cc.tune(casts, validation_count=0, out=f"{out}/tune", progress=progress)
+        with waits.timed("simulated casts"):
+            session = prepare(tuned)
+        for index, target in enumerate(random_targets(args.targets, args.lab)):
+            for number in range(args.tries):
+                with waits.timed("a try" if index or number else "first plan"):
+                    proposal = session.propose(target)
+                track = session.play(rig, proposal.trajectory, proposal.number)
+                with waits.timed("a landing"):
+                    session.observe(proposal, track)
+        with waits.timed(f"opening it with {len(session.casts)} casts"):
+            prepare()
+    return waits
 
 
 def preparation(args: PreparationArgs) -> Iterator[Table]:
     """Yield the times of each part."""
     if not args.cold:
-        few = dataclasses.replace(args, count=200, epochs=2)
         for cable in args.cables:
-            time_preparation(cable, few)
-    rows = [
-        (cable, *(f"{value:.0f}" for value in time_preparation(cable, args)))
-        for cable in args.cables
-    ]
-    title = f"From {args.calibration} casts to the first aimed one, {core_count()} cores"
+            time_session(cable, dataclasses.replace(args, targets=1, tries=1))
+    columns, rows = ["wait"], {}
+    for cable in args.cables:
+        columns += [f"{cable} [s]", "CPU [s]"]
+        for name, seconds in time_session(cable, args).seconds.items():
+            medians = np.median(seconds, axis=0)
+            rows.setdefault(name, []).extend(f"{value:.2f}" for value in medians)
+    title = f"Waits, medians where there are several, {core_count()} cores"
     if args.device != "cpu":
         title += f" and {args.device}"
-    yield Table(title=title, columns=PREPARATION_COLUMNS, rows=rows)
+    table = [(name, *cells) for name, cells in rows.items()]
+    yield Table(title=title, columns=tuple(columns), rows=table)
 
 
 @dataclasses.dataclass

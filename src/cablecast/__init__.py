@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from cablecast.pipeline.tune import tune
     from cablecast.rigs.base import Rig, RigLifecycle
     from cablecast.rigs.make import make_rig
-    from cablecast.runs.progress import Progress
+    from cablecast.runs.progress import Progress, ignore
     from cablecast.setup import MotionConfig, Setup, load_setup, save_setup
     from cablecast.tuning.fit import FitConfig
     from cablecast.tuning.tune import TuneConfig
@@ -72,7 +72,7 @@ _HOMES = {
     "cablecast.pipeline.tune": ("tune",),
     "cablecast.rigs.base": ("Rig", "RigLifecycle"),
     "cablecast.rigs.make": ("make_rig",),
-    "cablecast.runs.progress": ("Progress",),
+    "cablecast.runs.progress": ("Progress", "ignore"),
     "cablecast.setup": ("MotionConfig", "Setup", "load_setup", "save_setup"),
     "cablecast.tuning.fit": ("FitConfig",),
     "cablecast.tuning.tune": ("TuneConfig",),
@@ -114,6 +114,7 @@ __all__ = [
     "check",
     "collect",
     "evaluate",
+    "ignore",
     "load_cable",
     "load_setup",
     "load_targets",

@@ -60,7 +60,7 @@ def test_all_casts_go_into_a_new_fit_and_the_session_goes_on_with_it(rig, tmp_pa
     assert first.fitted_count == 3
     cc.aim(first, rig, TARGETS)
     again = prepare(rig, out=tmp_path, tries=1, fit_all=True)
-    folder = tmp_path / "fits" / "00005"
+    folder = tmp_path / "fits" / "00005-00000"
     tuned = json.loads((folder / "tune" / "config.json").read_text())["settings"]
     assert (tuned["training_count"], tuned["validation_count"]) == (5, 0)
     assert again.model.policy.model.fingerprint != first.model.policy.model.fingerprint
@@ -163,7 +163,7 @@ def test_a_new_fit_that_was_stopped_goes_on_and_targets_keep_their_tries(rig, tm
         cc.aim(session, rig, places, progress=stop_at_the_training)
     # Two tries at each of two targets: with those of the first fit, three times as many.
     assert len(session.casts) == 6
-    stopped = tmp_path / "fits" / "00006"
+    stopped = tmp_path / "fits" / "00006-00000"
     assert not (stopped / "model" / "metrics.json").exists()
     ended = (stopped / "tune" / "metrics.json").stat().st_mtime_ns
     again = prepare(rig, **options)
@@ -173,6 +173,42 @@ def test_a_new_fit_that_was_stopped_goes_on_and_targets_keep_their_tries(rig, tm
     assert [len(casts) for casts in result.casts] == [2] * 3
     assert result.session is again
     assert again.fitted_count == 6
+
+
+def test_after_an_undo_the_casts_that_are_left_are_fitted_anew(rig, tmp_path):
+    session = prepare(rig, out=tmp_path, tries=1)
+    cc.aim(session, rig, TARGETS)
+    session.refit()
+    before = session.model.policy.model.fingerprint
+    session.undo()
+    session.refit()
+    assert session.model.policy.model.fingerprint != before
+    kept = sorted(folder.name for folder in (tmp_path / "fits").iterdir())
+    assert kept == ["00005-00000", "00005-00001"]
+    again = prepare(rig, out=tmp_path, tries=1)
+    assert again.model.policy.model.fingerprint == session.model.policy.model.fingerprint
+
+
+def test_what_was_learned_is_not_learned_again(rig, tmp_path, monkeypatch):
+    session = prepare(rig, out=tmp_path, tries=1)
+    cc.aim(session, rig, TARGETS)
+    expected = session.predictor.predict(session.casts[-1].action)
+
+    def refuse(*_, **__):
+        raise AssertionError("nothing is left to simulate")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(cc.EngineWarp, "rollout", refuse)
+        patch.setattr("cablecast.data.simulate.feasible_grid", refuse)
+        again = prepare(rig, out=tmp_path, tries=1)
+    for one, other in zip(again.predictor.predict(session.casts[-1].action), expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    # What is damaged is simulated again.
+    (tmp_path / "session" / "landings.npz").write_bytes(b"damaged")
+    mended = prepare(rig, out=tmp_path, tries=1)
+    np.testing.assert_allclose(
+        mended.predictor.predict(session.casts[-1].action)[0], expected[0], rtol=0, atol=1e-6
+    )
 
 
 def test_a_session_without_a_folder_is_fitted_anew_too_and_leaves_out_what_it_was_told_to(rig):

@@ -6,19 +6,24 @@ how far off the best guess may be (docs/aim.md).
 """
 
 import concurrent.futures
+import contextlib
 import dataclasses
 import functools
+import io
+import pathlib
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.data.simulate import engine_settings
 from cablecast.engines import make_engine
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError
-from cablecast.files import core_count
+from cablecast.files import core_count, write_bytes
 from cablecast.motion.casting import cast_grip_paths
+from cablecast.runs.folder import fingerprint
 from cablecast.setup import Setup
 from cablecast.tuning.ensemble import ParamUpdate
 from cablecast.tuning.space import ParamPosterior
@@ -121,6 +126,7 @@ class EnsembleLandings:
         self.best, self.fine_engine = best, fine_engine
         self.posterior = posterior
         self._known: dict[bytes, NDArray[np.float64]] = {}
+        self._kept_count = 0
 
     @classmethod
     def of(cls, tuned: Tuned) -> "EnsembleLandings":
@@ -238,6 +244,33 @@ class EnsembleLandings:
             leaving=rows[:, 4],
             factor=self.factor,
         )
+
+    @functools.cached_property
+    def fingerprint(self) -> str:
+        """Short name of all that decides the landings."""
+        resolutions = [engine_settings(engine) for engine in (self.engine, self.fine_engine)]
+        physics = [one.to_dict() for one in (self.best, *self.members)]
+        steps = [_FRICTION_STEP, _APART_MAX, _SAMPLE_DT]
+        return fingerprint([self.setup.to_settings(), physics, resolutions, steps])
+
+    def keep(self, file: pathlib.Path) -> None:
+        """Write what was simulated so far to a file, if it is not there yet."""
+        if len(self._known) == self._kept_count:
+            return
+        buffer = io.BytesIO()
+        keys = np.frombuffer(b"".join(self._known)).reshape(-1, 5)
+        np.savez(buffer, simulators=self.fingerprint, keys=keys, rows=[*self._known.values()])
+        write_bytes(file, buffer.getvalue())
+        self._kept_count = len(self._known)
+
+    def recall(self, file: pathlib.Path) -> None:
+        """Read what `keep` wrote, unless it is damaged or of other simulators."""
+        # Whatever is wrong with the file, what it held can be simulated again.
+        with contextlib.suppress(Exception), np.load(file, allow_pickle=False) as kept:
+            if str(kept["simulators"]) == self.fingerprint:
+                keys, rows = kept["keys"], kept["rows"]
+                self._known = {key.tobytes(): row for key, row in zip(keys, rows, strict=True)}
+        self._kept_count = len(self._known)
 
     @property
     def factor(self) -> float:

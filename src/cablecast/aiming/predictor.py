@@ -8,6 +8,7 @@ be (`EnsembleLandings`). A Gaussian process adds what real casts showed (`Experi
 
 import dataclasses
 import functools
+import pathlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -136,7 +137,12 @@ class Beliefs:
 
     @classmethod
     def of(
-        cls, policy: ForwardSearchPolicy, tuned: Tuned | None = None, *, count: int = SPREAD_COUNT
+        cls,
+        policy: ForwardSearchPolicy,
+        tuned: Tuned | None = None,
+        *,
+        count: int = SPREAD_COUNT,
+        kept: pathlib.Path | None = None,
     ) -> "Beliefs":
         """Return the beliefs of a fitted simulator and of the policy that was trained with it.
 
@@ -145,6 +151,7 @@ class Beliefs:
             tuned: Result of `tune`; None for a simulator of which nothing is known, whose landings
                 are taken to be as far off as those of one that follows some casts as usual.
             count: Simulated casts that tell how far apart the simulators usually land.
+            kept: File of landings that `EnsembleLandings.keep` wrote, if it did.
 
         Raises:
             InputError: The policy has learned from real casts.
@@ -154,6 +161,8 @@ class Beliefs:
             landing_xy, values = policy.predicted_xy[every], policy.sensitivity[every]
             return cls(policy=policy, size=LocalSize(landing_xy=landing_xy, values=values))
         ensemble = EnsembleLandings.of(tuned)
+        if kept is not None:
+            ensemble.recall(kept)
         actions = feasible_uniform(count, tuned.setup, seed=_SPREAD_SEED)
         found = ensemble.evaluate(*mirror_to_right(actions))
         finite = np.isfinite(found.landing_xy).all(axis=1)
@@ -275,21 +284,23 @@ class LandingPredictor:
         rows = [row for row, cast in enumerate(casts) if np.all(np.isfinite(cast.action))]
         known = [fitted is not None and bool(fitted[row]) for row in rows]
         experience = self.experience
-        if rows:
-            # One batch takes hardly longer than one cast.
-            self.evaluate(*mirror_to_right(np.array([casts[row].action for row in rows])))
-        for row, is_fitted in zip(rows, known, strict=True):
+        if not rows:
+            return self
+        # One batch takes hardly longer than one cast.
+        actions = np.array([casts[row].action for row in rows])
+        candidates = self.evaluate(*mirror_to_right(actions))
+        places, simulated_xy = self._located(candidates)
+        for place, (row, is_fitted) in enumerate(zip(rows, known, strict=True)):
             cast = casts[row]
-            place, simulated_xy, side = self._place(cast.action)
-            landing = cast.final_xy * np.array([side, 1.0])
+            landing = mirror_xy(cast.final_xy, candidates.side[place])
             experience = experience.with_cast(
-                place,
-                (landing - simulated_xy) / self.beliefs.length if cast.landed else None,
+                places[[place]],
+                (landing - simulated_xy[place]) / self.beliefs.length if cast.landed else None,
                 fitted=is_fitted,
                 aimed=cast.proposal is not None,
                 age=None if ages is None else ages[row],
             )
-        if fit_scales and rows:
+        if fit_scales:
             experience = experience.with_fitted_scales()
         return dataclasses.replace(
             self,
@@ -377,30 +388,19 @@ class LandingPredictor:
             shape [action, 2, 2]; standard deviation of equal casts along each axis [m], shape
             [action].
         """
-        actions = np.atleast_2d(np.asarray(actions, dtype=float))
-        rows = [self._predict_action(action) for action in actions]
-        xy, covariance, scatter = zip(*rows, strict=True)
-        return np.array(xy), np.array(covariance), np.array(scatter)
-
-    def _predict_action(self, action: _Array) -> tuple[_Array, _Array, float]:
-        place, simulated_xy, side = self._place(action)
-        mean, variance = self.experience.residual.predict(place)
-        scatter = self.experience.scatter(place)
-        length = self.beliefs.length
-        actions, _ = mirror_to_right(action[None])
-        shifts = self.beliefs.model.landing_shifts(actions, self.beliefs.changes)[0]
-        along = shifts @ shifts.T / max(float(np.sum(shifts**2)), 1e-12)
-        shape = (1.0 - _ALONG) * np.eye(2) + 2.0 * _ALONG * along
-        covariance = (variance[0] + scatter[0]) * length**2 * shape
-        flip = np.array([side, 1.0])
-        xy = flip * (simulated_xy + length * mean[0])
-        return xy, covariance * np.outer(flip, flip), float(np.sqrt(scatter[0])) * length
-
-    def _place(self, action: _Array) -> tuple[Places, _Array, float]:
-        """Return the place of a cast, its simulated landing to the right [m], and its side."""
-        candidate = self.evaluate(*mirror_to_right(action[None]))
-        places, simulated_xy = self._located(candidate)
-        return places, simulated_xy[0], float(candidate.side[0])
+        candidates = self.evaluate(
+            *mirror_to_right(np.atleast_2d(np.asarray(actions, dtype=float)))
+        )
+        places, landing_xy, variance = self.expected(candidates)
+        scatter, length = self.experience.scatter(places), self.beliefs.length
+        shifts = self.beliefs.model.landing_shifts(candidates.actions, self.beliefs.changes)
+        along = shifts @ np.swapaxes(shifts, 1, 2)
+        along /= np.maximum(np.sum(shifts**2, axis=(1, 2)), 1e-12)[:, None, None]
+        covariance = (1.0 - _ALONG) * np.eye(2) + 2.0 * _ALONG * along
+        covariance *= (length**2 * (variance + scatter))[:, None, None]
+        # Seen from the left, x and y vary together the other way.
+        covariance[:, [0, 1], [1, 0]] *= candidates.side[:, None]
+        return mirror_xy(landing_xy, candidates.side), covariance, length * np.sqrt(scatter)
 
     def _located(self, candidates: Candidates) -> tuple[Places, _Array]:
         """Return the places of candidates and their simulated landings to the right [m]."""

@@ -22,7 +22,7 @@ from cablecast.errors import InputError, RigError, says_what_it_takes
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
-from cablecast.runs.progress import ProgressCallback, ignore
+from cablecast.runs.progress import ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.tracks import MeasuredTracks
@@ -99,9 +99,11 @@ class FittedModel:
         return bool(self.fitted_to) and cast.origin.partition("/")[0] == self.fitted_to
 
 
-Refitting = Callable[[Dataset, int, ProgressCallback], FittedModel]
-"""Fits the simulator to casts, and learns from it; the count is that of all casts of the session,
-with those that were taken back."""
+Refitting = Callable[[CastStore, ProgressCallback], FittedModel]
+"""Fits the simulator to all casts of a session that were not taken back, and simulates with it."""
+
+LANDINGS_FILE = "landings.npz"
+"""Simulated landings of the casts of a session, in its folder."""
 
 
 @says_what_it_takes
@@ -142,7 +144,7 @@ class AimSession:
         model: FittedModel | ForwardSearchPolicy,
         *,
         casts: Dataset | None = None,
-        out: str | os.PathLike[str] | None = None,
+        out: str | os.PathLike[str] | CastStore | None = None,
         config: AimConfig | None = None,
         simulators: SimulatorConfig | None = None,
         refitting: Refitting | None = None,
@@ -152,7 +154,8 @@ class AimSession:
         self.config = config or AimConfig()
         self.simulators = simulators or SimulatorConfig()
         self.setup: Setup = model.policy.setup
-        self.store = CastStore(self.setup, out, self.config.within_pct)
+        is_open = isinstance(out, CastStore)
+        self.store = out if is_open else CastStore(self.setup, out, self.config.within_pct)
         if casts is not None:
             self.store.add_dataset(casts)
         self.sight: CameraSight | None = None
@@ -163,7 +166,13 @@ class AimSession:
     def use(self, model: FittedModel) -> None:
         """Plan with another model from now on, conditioned on all casts."""
         self.model = model
-        self._beliefs = Beliefs.of(model.policy, model.tuned, count=self.simulators.spread_count)
+        folder = self.store.folder
+        self._beliefs = Beliefs.of(
+            model.policy,
+            model.tuned,
+            count=self.simulators.spread_count,
+            kept=None if folder is None else folder / LANDINGS_FILE,
+        )
         self._condition()
 
     def _condition(self) -> None:
@@ -197,6 +206,8 @@ class AimSession:
         )
         if fit_scales:
             self._scaled_count = count
+        if self._beliefs.ensemble is not None and self.store.folder is not None:
+            self._beliefs.ensemble.keep(self.store.folder / LANDINGS_FILE)
 
     @property
     def casts(self) -> tuple[Cast, ...]:
@@ -399,7 +410,7 @@ class AimSession:
             return ""
         return refit_reason(self.casts, self.fitted_count, waits=self.model.waits)
 
-    def fit(self, progress: ProgressCallback = ignore) -> FittedModel:
+    def fit(self, progress: ProgressCallback = show) -> FittedModel:
         """Return the model of a fit to all casts that were not taken back, for `use`.
 
         Takes as long as the first fit; the session stays as it is. A fit that was stopped goes on
@@ -410,9 +421,9 @@ class AimSession:
         """
         if self._refitting is None:
             raise InputError("only a session that prepare_aim returned can be fitted anew")
-        return self._refitting(self.store.dataset(), len(self.store), progress)
+        return self._refitting(self.store, progress)
 
-    def refit(self, progress: ProgressCallback = ignore) -> None:
+    def refit(self, progress: ProgressCallback = show) -> None:
         """Fit the simulator to all casts, and plan with it from now on; see `fit`."""
         self.use(self.fit(progress))
 

@@ -79,6 +79,7 @@ class Aim(AimConfig, _Targets):
             write_aim_report,
         )
         from cablecast.runs.places import AIM_FOLDER, cable_folder
+        from cablecast.runs.progress import ignore
         from cablecast.tuning.tuned import load_tuned
         from cablecast.workspace import load_targets
 
@@ -123,6 +124,7 @@ class Aim(AimConfig, _Targets):
                 on_cast=lambda cast: print_cast(cast, session),
                 on_stop=print_stop,
                 on_refit=refit_and_say,
+                progress=ignore,
             )
             made = any(result.casts)
             evaluation = write_aim_report(result, rig, out / REPORT_FOLDER) if made else None

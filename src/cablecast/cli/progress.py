@@ -1,13 +1,12 @@
 """Progress on standard error: bars on a terminal, plain lines elsewhere."""
 
 import contextlib
-import datetime
 import time
 from collections.abc import Iterator
 from typing import Any
 
 from cablecast.cli.streams import drain
-from cablecast.runs.progress import Pace, Progress, ProgressCallback, duration_text
+from cablecast.runs.progress import Pace, Progress, ProgressCallback
 
 # A log gets a line for the first and the last unit, and at most one in this time between [s].
 _LINE_EVERY = 2.0
@@ -50,7 +49,7 @@ class _Bars:
     def show(self, progress: Progress) -> None:
         """Show a report."""
         if not progress.total:
-            self._bars.console.print(_headline(progress), highlight=False, markup=False)
+            self._bars.console.print(self._pace.line(progress), highlight=False, markup=False)
             return
         starts = self._pace.starts(progress)
         if progress.task not in self._tasks:
@@ -75,22 +74,13 @@ class _Lines:
         """Write a line for a report, unless one was written a moment ago."""
         now = time.monotonic()
         if not progress.total:
-            self._write(_headline(progress))
+            self._write(self._pace.line(progress))
             return
         is_first, is_last = self._pace.starts(progress), progress.done == progress.total
         if not (is_first or is_last) and now - self._last < _LINE_EVERY:
             return
         self._last = now
-        parts = [f"{self._pace.seconds(progress):.0f} s"]
-        left = self._pace.seconds_left(progress)
-        if left is not None and not is_last:
-            end = datetime.datetime.now() + datetime.timedelta(seconds=left)
-            parts.append(f"about {duration_text(left)} left, until {end:%H:%M}")
-        note = f", {progress.note}" if progress.note else ""
-        unit = f" {progress.unit}" if progress.unit else ""
-        self._write(
-            f"{progress.task}: {progress.done} of {progress.total}{unit}{note} ({', '.join(parts)})"
-        )
+        self._write(self._pace.line(progress))
 
     def _write(self, line: str) -> None:
         try:
@@ -100,7 +90,3 @@ class _Lines:
         except OSError:
             # Progress that cannot be shown, on a full disk for example, is no reason to stop.
             drain(self._file)
-
-
-def _headline(progress: Progress) -> str:
-    return f"{progress.task}: {progress.note}" if progress.note else progress.task

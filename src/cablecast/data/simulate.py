@@ -1,6 +1,7 @@
 """Simulation of D_sim: feasible actions of a grid and their landings (section V-F)."""
 
 import dataclasses
+import functools
 import hashlib
 import pathlib
 from typing import Any
@@ -15,6 +16,7 @@ from cablecast.data.schema import (
     ACTION_COLUMNS,
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
+    INFO_PATH,
     SCHEMA_VERSION,
     track_extent,
 )
@@ -22,10 +24,12 @@ from cablecast.data.writer import DatasetWriter
 from cablecast.engines.base import SETTLE_TIME, Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import remade
-from cablecast.errors import InputError, check_count, check_seed
+from cablecast.errors import CablecastError, DatasetError, InputError, check_count, check_seed
+from cablecast.files import read_sealed
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid, feasible_ranges
+from cablecast.runs.folder import plain_settings
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 from cablecast.setup import Setup
@@ -80,7 +84,6 @@ def simulate_dataset(
     dynamics = Dynamics.of(dynamics, setup)
     ranges = feasible_ranges(setup) if ranges is None else ranges
     _check_mirrored(dynamics)
-    actions = feasible_grid(count, setup, ranges, seed)
     settings = {
         "schema_version": SCHEMA_VERSION,
         **setup.to_settings(),
@@ -91,10 +94,17 @@ def simulate_dataset(
         "settle_time": SETTLE_TIME,
         "count": count,
         "seed": seed,
-        "actions_sha256": actions_digest(actions),
     }
+    path = pathlib.Path(path)
+    # To choose the actions takes seconds, which a finished dataset need not spend.
+    chosen = functools.partial(feasible_grid, count, setup, ranges, seed)
+    digest = _known_digest(path, settings) or actions_digest(chosen())
     writer = DatasetWriter(
-        pathlib.Path(path), kind="sim", settings=settings, row_count=count, shard_rows=shard_rows
+        path,
+        kind="sim",
+        settings=settings | {"actions_sha256": digest},
+        row_count=count,
+        shard_rows=shard_rows,
     )
     task = f"Simulating {setup.cable.name}"
 
@@ -103,6 +113,9 @@ def simulate_dataset(
 
     with writer:
         if not writer.was_complete:
+            actions = chosen()
+            if actions_digest(actions) != digest:
+                raise DatasetError(f"{path} was begun with other actions: give another folder")
             missing = writer.missing_shards()
             done = count - sum(len(writer.rows_of(shard)) for shard in missing)
             report(done)
@@ -119,6 +132,16 @@ def simulate_dataset(
         else:
             progress(Progress(task=task, note=DONE_NOTE))
     return read_dataset(path)
+
+
+def _known_digest(path: pathlib.Path, settings: dict[str, Any]) -> str | None:
+    """Return the fingerprint of the actions of a dataset that was begun with the same settings."""
+    try:
+        stored = dict(read_sealed(path / INFO_PATH)["settings"])
+    except (OSError, CablecastError, KeyError, TypeError):
+        return None
+    digest = stored.pop("actions_sha256", None)
+    return digest if stored == plain_settings(settings) else None
 
 
 def _check_mirrored(dynamics: Dynamics) -> None:

@@ -162,6 +162,11 @@ class CastStore:
     def __len__(self) -> int:
         return len(self.casts)
 
+    @property
+    def folder(self) -> pathlib.Path | None:
+        """Folder of the casts; None where they are kept in memory alone."""
+        return None if self._run is None else self._run.path
+
     def add(self, cast: Cast) -> None:
         """Keep a cast.
 

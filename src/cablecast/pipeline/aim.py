@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.aiming.config import AimConfig
 from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig
 from cablecast.cast import Cast, Proposal
-from cablecast.data.dataset import Dataset
+from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError, says_what_it_takes
 from cablecast.evaluation.evaluate import (
@@ -35,15 +35,15 @@ from cablecast.pipeline.tune import tune
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import METRICS_FILE, RunFolder, plain_settings, run_facts
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
-from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.tuning.tuned import Tuned, load_tuned
 
 CALIBRATION_FOLDER = "calibration"
 SESSION_FOLDER = "session"
 FITS_FOLDER = "fits"
-"""A later fit lies in `fits/NNNNN`, where NNNNN is the number of casts of the session then. The
-newest whose model is finished is the one that the session goes on with."""
+"""A later fit lies in `fits/NNNNN-MMMMM`: the session had NNNNN casts then, and MMMMM of them were
+taken back. The newest that is finished is the one that the session goes on with."""
 REPORT_FOLDER = "report"
 TRIES_FILE = "tries.png"
 
@@ -139,7 +139,7 @@ def prepare_aim(
     fit_all: bool = False,
     simulators: SimulatorConfig | None = None,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> AimSession:
     """Make a few casts, fit the simulator to them, learn from it, and open a session.
 
@@ -165,7 +165,9 @@ def prepare_aim(
     config, simulators = config or AimConfig(), simulators or SimulatorConfig()
     folder = None if out is None else pathlib.Path(out)
     learning = _Learning(rig.setup, config, simulators, folder)
-    model = _later_model(learning, fit_all, progress)
+    session_folder = None if folder is None else folder / SESSION_FOLDER
+    store = CastStore(rig.setup, session_folder, config.within_pct)
+    model = _later_model(learning, store, fit_all, progress)
     if model is not None:
         casts = None
     elif casts is None and tuned is None and config.calibration_count:
@@ -173,7 +175,7 @@ def prepare_aim(
     session = AimSession(
         model or learning.first(casts, tuned, progress),
         casts=casts,
-        out=None if folder is None else folder / SESSION_FOLDER,
+        out=store,
         config=config,
         simulators=simulators,
         refitting=learning,
@@ -188,11 +190,23 @@ def _calibration_casts(
     folder: pathlib.Path | None,
     progress: ProgressCallback,
 ) -> Dataset:
+    count = config.calibration_count
+    path, task = (
+        folder and folder / CALIBRATION_FOLDER,
+        f"1/4 {count} casts to fit the simulator to",
+    )
+    if path is not None and (path / METRICS_FILE).exists():
+        # To choose their actions, thousands of casts are simulated.
+        made = read_dataset(path)
+        description = plain_settings({"rig": dict(rig.description)})["rig"]
+        is_same = (len(made), made.settings.values["rig"]) == (count, description)
+        if is_same and made.setup.to_settings() == rig.setup.to_settings():
+            progress(Progress(task=task, note=DONE_NOTE))
+            return made
     from cablecast.engines.warp_.rollout import compile_ahead
     from cablecast.engines.warp_.world import Features
 
-    count = config.calibration_count
-    progress(Progress(task=f"1/4 {count} casts to fit the simulator to"))
+    progress(Progress(task=task))
     # For the fit, whose materials a kernel of their own simulates.
     compile_ahead(Features(remembers=True, surface=True))
     return collect(
@@ -200,45 +214,30 @@ def _calibration_casts(
         count=count,
         sampling="spread",
         seed=config.seed,
-        out=None if folder is None else folder / CALIBRATION_FOLDER,
+        out=path,
         progress=progress,
     )
 
 
 def _later_model(
-    learning: "_Learning", fit_all: bool, progress: ProgressCallback
+    learning: "_Learning", store: CastStore, fit_all: bool, progress: ProgressCallback
 ) -> FittedModel | None:
     """Return the model of a fit to all casts of a session; None for the one to its first casts.
 
     Raises:
         InputError: There are no casts yet to fit the simulator to, or fewer than the fit had.
     """
-    folder = learning.folder
-    newest = 0 if folder is None else _newest_fit(folder)
-    if not (fit_all or newest):
+    newest = learning.newest_fit()
+    if newest is None and not fit_all:
         return None
-    if folder is None or not (folder / SESSION_FOLDER).exists():
+    if learning.folder is None or not len(store):
         raise InputError("fitting to all casts needs the folder of a session that has some")
-    store = CastStore(learning.setup, folder / SESSION_FOLDER)
-    if newest > len(store):
+    if newest is not None and newest[0] > len(store):
         raise InputError(
-            f"{folder / FITS_FOLDER} has a fit to {newest} casts, but the session has {len(store)}"
+            f"{learning.folder / FITS_FOLDER} has a fit to {newest[0]} casts, but the session has "
+            f"{len(store)}"
         )
-    if not fit_all:
-        return learning.kept(newest, progress)
-    if not len(store):
-        raise InputError("fitting to all casts needs the folder of a session that has some")
-    return learning(store.dataset(), len(store), progress)
-
-
-def _newest_fit(folder: pathlib.Path) -> int:
-    """Return the number of casts of the newest finished fit to all casts; 0 where there is none."""
-    counts = [
-        int(file.parent.parent.name)
-        for file in (folder / FITS_FOLDER).glob(f"*/{MODEL_FOLDER}/{METRICS_FILE}")
-        if file.parent.parent.name.isdecimal()
-    ]
-    return max(counts, default=0)
+    return learning(store, progress) if fit_all else learning.kept(progress)
 
 
 class _Learning:
@@ -271,25 +270,34 @@ class _Learning:
             waits=waits,
         )
 
-    def __call__(self, casts: Dataset, count: int, progress: ProgressCallback) -> FittedModel:
+    def __call__(self, store: CastStore, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit; see `Refitting`."""
-        folder = self._fit_folder(count)
-        tuned = self._fitted(casts, folder, progress, validation_count=0)
+        folder = self._fit_folder(len(store), len(store.undone))
+        tuned = self._fitted(store.dataset(), folder, progress, validation_count=0)
         policy = self._policy(tuned, folder, progress)
-        return FittedModel(policy=policy, tuned=tuned, fitted_count=count)
+        return FittedModel(policy=policy, tuned=tuned, fitted_count=len(store))
 
-    def kept(self, count: int, progress: ProgressCallback) -> FittedModel:
-        """Return the model of a later fit that is finished."""
-        folder = self._fit_folder(count)
-        if folder is None:
-            raise InputError("fits are kept in the folder of a session: it has none")
-        progress(Progress(task=f"2/4 fit to {count} casts", note=DONE_NOTE))
+    def kept(self, progress: ProgressCallback) -> FittedModel:
+        """Return the model of the newest later fit that is finished."""
+        newest = self.newest_fit()
+        folder = None if newest is None else self._fit_folder(*newest)
+        if newest is None or folder is None:
+            raise InputError("there is no later fit")
+        progress(Progress(task=f"2/4 fit to {newest[0]} casts", note=DONE_NOTE))
         tuned = load_tuned(folder / TUNE_FOLDER, self.setup)
         policy = self._policy(tuned, folder, progress)
-        return FittedModel(policy=policy, tuned=tuned, fitted_count=count)
+        return FittedModel(policy=policy, tuned=tuned, fitted_count=newest[0])
 
-    def _fit_folder(self, count: int) -> pathlib.Path | None:
-        return None if self.folder is None else self.folder / FITS_FOLDER / f"{count:05d}"
+    def newest_fit(self) -> tuple[int, int] | None:
+        """Return the casts, and those of them taken back, of the newest finished later fit."""
+        finished = f"{FITS_FOLDER}/*/{MODEL_FOLDER}/{METRICS_FILE}"
+        names = [file.parts[-3] for file in (self.folder or pathlib.Path()).glob(finished)]
+        # Casts are only ever added and taken back, so more of either came later.
+        counts = [tuple(int(count) for count in name.split("-")) for name in names]
+        return max(((count, undone) for count, undone in counts), default=None)
+
+    def _fit_folder(self, count: int, undone: int) -> pathlib.Path | None:
+        return self.folder and self.folder / FITS_FOLDER / f"{count:05d}-{undone:05d}"
 
     def _fitted(
         self,
@@ -345,7 +353,7 @@ def aim(
     on_cast: CastCallback | None = None,
     on_stop: StopCallback | None = None,
     on_refit: RefitCallback | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.
 

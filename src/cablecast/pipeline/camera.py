@@ -16,7 +16,7 @@ from cablecast.files import read_csv
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.base import Rig
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.setup import Setup, load_setup, update_lab_file
 from cablecast.vision.calibration import (
     BOARD_CORNERS_MIN,
@@ -200,7 +200,7 @@ def calibrate_lens_of(
     pictures: pathlib.Path | None = None,
     count: int = 15,
     write: bool = True,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> LensFit:
     """Find the lens of the camera from a board, and write it into the lab file.
 

@@ -24,7 +24,7 @@ from cablecast.pipeline.check import check
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import Claim, record_run
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.spread import spread_actions
@@ -45,7 +45,7 @@ def collect(
     psi: bool = True,
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> Dataset:
     """Make casts on a rig and record each one (paper, section V-C).
 

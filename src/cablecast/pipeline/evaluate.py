@@ -23,7 +23,7 @@ from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
 from cablecast.runs.folder import RunFolder, refuse_other_work, settings_differences
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.workspace import load_targets
 
 TRIALS_FILE = "trials.csv"
@@ -43,7 +43,7 @@ def evaluate(
     repeats: int = 1,
     device: str = "cpu",
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> Evaluation:
     """Cast at targets and measure how far from them the cable lands (section VI).
 

@@ -12,7 +12,7 @@ from cablecast.data.dataset import Dataset
 from cablecast.data.lerobot import VIDEO_FILE, Episode, Video, episodes_of, write_tables
 from cablecast.errors import DatasetError, InputError, check_count
 from cablecast.files import remove_leftovers, temporary_prefix
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.video import Image, read_video, write_video
 
@@ -27,7 +27,7 @@ def export_dataset(
     *,
     fps: int = 10,
     films: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> pathlib.Path:
     """Write casts of a rig as a data set of LeRobot.
 

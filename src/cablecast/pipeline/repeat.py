@@ -25,7 +25,7 @@ from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder, plain_settings, refuse_other_work
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, show
 
 FIGURE_FILE = "repeatability.png"
 ACTIONS_FILE = "actions.csv"
@@ -67,7 +67,7 @@ def repeat(
     actions: ArrayLike | None = None,
     seed: int = 0,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> Repeated:
     """Repeat casts on a rig, and measure how far apart equal casts land (section VI-B).
 

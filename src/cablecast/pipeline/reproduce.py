@@ -27,7 +27,7 @@ from cablecast.report.reproduction import Reproduction, reproduction_page
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.make import make_rig
 from cablecast.runs.folder import Parts, RunFolder
-from cablecast.runs.progress import Progress, ProgressCallback, Stage, StageLog, ignore, run_stages
+from cablecast.runs.progress import Progress, ProgressCallback, Stage, StageLog, run_stages, show
 from cablecast.runs.workers import LOCAL, check_workers, connected
 from cablecast.setup import Setup
 from cablecast.tuning.tune import TuneConfig
@@ -159,7 +159,7 @@ def reproduce(
     seed: int = 0,
     device: str = "cpu",
     workers: str = LOCAL,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> Reproduced:
     """Repeat every experiment of the paper, and write one report.
 

@@ -24,7 +24,7 @@ from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.repeat import Repeated
 from cablecast.runs.folder import RunFolder, settings_differences
-from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.runs.workers import LOCAL, connected
 from cablecast.setup import Setup
 from cablecast.tuning.tuned import Tuned
@@ -60,7 +60,7 @@ def select(
     device: str = "cpu",
     workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> Selection:
     """Compare what grids of casts cover for several r0 and v_max, and choose (section V-E).
 

@@ -12,7 +12,7 @@ from cablecast.errors import says_what_it_takes
 from cablecast.motion.feasibility import feasible_ranges
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import record_run
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.runs.workers import LOCAL, check_workers
 from cablecast.setup import Setup
 from cablecast.tuning.tuned import Tuned
@@ -31,7 +31,7 @@ def simulate(
     device: str = "cpu",
     workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> Dataset:
     """Simulate casts and record where each one lands (D_sim of section V-F).
 

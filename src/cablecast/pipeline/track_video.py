@@ -19,7 +19,7 @@ from cablecast.files import read_csv, write_bytes, write_text
 from cablecast.pipeline.camera import film_offset, read_log
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import METRICS_FILE, RunFolder
-from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
 from cablecast.vision.clock import check_film_rate
@@ -118,7 +118,7 @@ def track_video(
     *,
     config: TrackConfig | None = None,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> VideoTrack:
     """Find the marker in a video from above, and where the endpoint went (section V-C).
 

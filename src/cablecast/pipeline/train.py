@@ -33,7 +33,7 @@ from cablecast.learning.policy import CANDIDATE_COUNT, ForwardSearchPolicy
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.runs.folder import RunFolder
-from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 
 Method = typing.Literal["network", "gaussian-process"]
 
@@ -53,7 +53,7 @@ def train(
     seed: int = 0,
     device: str = "cpu",
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> ForwardSearchPolicy:
     """Train the model that predicts where a cast lands, and prepare the policy that searches it.
 

@@ -15,7 +15,7 @@ from cablecast.errors import InputError, says_what_it_takes
 from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.runs.folder import RunFolder
-from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
+from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.runs.workers import LOCAL, connected
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.servo import ServoFit, can_identify_servo, identify_servo
@@ -51,7 +51,7 @@ def tune(
     device: str = "cpu",
     workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
-    progress: ProgressCallback = ignore,
+    progress: ProgressCallback = show,
 ) -> Tuned:
     """Find the ten parameters with which the simulator follows measured casts (section V-D).
 

@@ -3,7 +3,10 @@
 import contextlib
 import dataclasses
 import datetime
+import math
 import pathlib
+import shutil
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -41,8 +44,13 @@ DONE_NOTE = "already done, nothing changed"
 
 
 def ignore(progress: Progress) -> None:
-    """Ignore a report; the default where no callback is given."""
+    """Ignore a report: `progress=cc.ignore` lets a verb say nothing."""
     del progress
+
+
+def show(progress: Progress) -> None:
+    """Show a report on one line of a terminal or a notebook, and nowhere else; verbs do so."""
+    _line.show(progress)
 
 
 class Pace:
@@ -75,6 +83,48 @@ class Pace:
         if progress.seconds_left is not None or done <= first:
             return progress.seconds_left
         return self.seconds(progress) / (done - first) * (progress.total - done)
+
+    def line(self, progress: Progress) -> str:
+        """Return a line for a report that `starts` has noted, with the expected end."""
+        if not progress.total:
+            return f"{progress.task}: {progress.note}" if progress.note else progress.task
+        parts = [f"{self.seconds(progress):.0f} s"]
+        left = self.seconds_left(progress)
+        if left is not None and progress.done != progress.total:
+            end = datetime.datetime.now() + datetime.timedelta(seconds=left)
+            parts.append(f"about {duration_text(left)} left, until {end:%H:%M}")
+        note = f", {progress.note}" if progress.note else ""
+        count = f"{progress.done} of {progress.total} {progress.unit}".rstrip()
+        return f"{progress.task}: {count}{note} ({', '.join(parts)})"
+
+
+class _Line:
+    """Line of the standard error stream that is written over until its task is done."""
+
+    _EVERY = 0.1  # Time between two reports that are shown [s].
+
+    def __init__(self):
+        self._pace = Pace()
+        self._last = -math.inf
+
+    def show(self, progress: Progress) -> None:
+        """Show a report, unless one of the same task was shown a moment ago."""
+        stream, now = sys.stderr, time.monotonic()
+        if stream is None or not (stream.isatty() or type(stream).__module__ == _NOTEBOOK):
+            return
+        starts = progress.total > 0 and self._pace.starts(progress)
+        ends = progress.done == progress.total
+        if not (starts or ends) and now - self._last < self._EVERY:
+            return
+        self._last = now
+        width = shutil.get_terminal_size().columns - 1
+        # The next line, whoever writes it, begins where this one does.
+        stream.write(f"{self._pace.line(progress)[:width]:{width}}" + ("\n" if ends else "\r"))
+        stream.flush()
+
+
+_NOTEBOOK = "ipykernel.iostream"
+_line = _Line()
 
 
 def duration_text(seconds: float) -> str:
