@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,6 +68,8 @@ class Aim(AimConfig, _Targets):
 
     def run(self) -> int:
         """Aim, and print every cast; return the exit status."""
+        # As for the page: a second thread for small matrices mostly waits.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
