@@ -16,6 +16,7 @@ import pathlib
 import tempfile
 import time
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 
@@ -44,7 +45,7 @@ class PreparationArgs:
     """Targets of the session."""
     tries: int = 2
     """Casts at each target."""
-    device: str = "cpu"
+    device: Literal["cpu", "cuda"] = "cpu"
     """Device that simulates: "cpu" or "cuda"."""
     cold: bool = False
     """Skip the warm-up run: times then include the compilation of missing kernels."""
