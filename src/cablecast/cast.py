@@ -286,11 +286,12 @@ class Proposal:
         """Why a hit is not to be expected, in words; empty where it is."""
         if self.inside_coverage and self.hit_chance >= HIT_CHANCE_MIN:
             return ""
-        miss = np.linalg.norm(self.expected_xy - self.target_xy) / self.setup.cable.length
+        miss = 100.0 * np.linalg.norm(self.expected_xy - self.target_xy)
+        wide, narrow = 200.0 * self.ellipse().semi_axes
         outside = "no simulated cast of this cable lands near this target, and "
         return outside * (not self.inside_coverage) + (
-            f"the next cast is expected to miss by {100 * miss:.1f} %, with a chance of "
-            f"{100 * self.hit_chance:.0f} % to hit"
+            f"the next cast would hit it with a chance of {100 * self.hit_chance:.0f} %: it is "
+            f"expected {miss:.1f} cm beside it, somewhere in {wide:.0f} by {narrow:.0f} cm"
         )
 
     def ellipse(self, share: float = 0.9) -> Ellipse:

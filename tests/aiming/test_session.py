@@ -311,7 +311,7 @@ def test_casts_end_where_the_next_one_is_nearly_certain_to_miss(policy):
         session = session_of(policy, within_pct=1.0, anyway=False)
         result = cc.aim(session, rig, edge)
     assert 2 <= len(result.casts[0]) < 6
-    assert "expected to miss by" in result.stops[0]
+    assert "would hit it with a chance of" in result.stops[0]
 
 
 def test_the_chance_to_hit_is_the_share_of_the_stated_law(policy):

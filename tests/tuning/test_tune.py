@@ -91,7 +91,7 @@ def test_progress_tells_how_closely_the_casts_are_followed(cable, good, engine):
     assert [(state.done, state.total) for state in states] == [(k, 6) for k in range(1, 7)]
     assert [stage for stage, *_ in result.history] == ["coarse"] * 3 + ["fine"] * 3
     best_pct = 100 * result.history[-1][1] / cable.length
-    assert states[-1].note == f"fine: casts followed to {best_pct:.1f} %"
+    assert states[-1].note == f"fine: {best_pct:.1f} % off"
     coarse = [best for _, best, _ in result.history[:3]]
     assert coarse == sorted(coarse, reverse=True)
     training, _ = split_tracks(good)

@@ -13,6 +13,7 @@ from cablecast.cli.options import (
     RigName,
     TargetOptions,
     TimeLimit,
+    WithRefit,
     argument,
 )
 from cablecast.errors import InputError
@@ -54,6 +55,7 @@ class Aim(AimConfig, _Targets):
     rig: RigName = "virtual"
     setup: LabFile = None
     cable: CableName = None
+    refit: WithRefit = True
     casts: Annotated[pathlib.Path | None, argument("DIR", "made on the rig")] = None
     """Casts of this cable that `cablecast collect` recorded; with them the rig makes none before
     the first target."""
@@ -74,8 +76,10 @@ class Aim(AimConfig, _Targets):
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.aim import (
+            REPORT_FILE,
             REPORT_FOLDER,
             SESSION_FOLDER,
+            TRIES_FILE,
             aim,
             check_aim,
             prepare_aim,
@@ -142,8 +146,15 @@ class Aim(AimConfig, _Targets):
             print_table(evaluation.metrics, published_rows(name))
         for line in outside:
             print(line)
+        print(f"folder    {out}")
         if evaluation is not None:
-            print(f"report   {out / REPORT_FOLDER / 'report.html'}")
+            print(f"picture   {out / REPORT_FOLDER / TRIES_FILE}")
+            print(f"report    {out / REPORT_FOLDER / REPORT_FILE}")
+        same = {"rig": self.rig, "setup": self.setup, "cable": self.cable, "out": self.out}
+        given = "".join(f" --{name} {value}" for name, value in same.items() if value is not None)
+        print(f"next      cablecast view{given}")
+        print("          shows these casts and makes more; the same command with another --target")
+        print("          goes on with all that they tell of the cable")
         return 0 if result.hit.all() and not outside else EXIT_MISSED
 
 
@@ -191,19 +202,18 @@ def refit_and_say(session: "AimSession", reason: str) -> None:
 def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
     """Say what a cast is expected to do."""
     from cablecast.cli.options import polar_text
-    from cablecast.report.words import reason_text
+    from cablecast.report.words import reason_text, region_text
 
     if proposal.try_number == 1:
         print(f"\ntarget    {polar_text(proposal.target_xy)}")
         if proposal.reason:
             print(f"note: {proposal.reason}")
-    ellipse = proposal.ellipse(0.9)
-    major, minor = 100.0 * ellipse.semi_axes / proposal.setup.cable.length
+    turn = math.degrees(proposal.ellipse(0.9).angle) % 180
     print(f"try {proposal.try_number}     {reason_text(proposal, session)}")
     print(f"  expect  {polar_text(proposal.expected_xy)}")
     print(
-        f"          within {major:.1f} by {minor:.1f} % of the cable's length (nine of ten casts; "
-        f"the longer axis {math.degrees(ellipse.angle) % 180:.0f} deg from x)"
+        f"          nine of ten casts in {region_text(proposal, 0.9)} about it, the longer axis "
+        f"{turn:.0f} deg from x"
     )
     if proposal.failure > 0.1:
         print(f"          {100 * proposal.failure:.0f} % chance that it is hidden or off the table")
@@ -231,7 +241,8 @@ def print_cast(cast: "Cast", session: "AimSession") -> None:
     if cast.landed:
         print(f"  saw     {polar_text(cast.final_xy)}")
         verdict = "hit" if cast.hit else "missed"
-        print(f"          {verdict}: {cast.miss_pct:.1f} % of the cable's length off")
+        centimetres = cast.miss_pct * session.setup.cable.length
+        print(f"          {verdict}: {centimetres:.1f} cm off, {cast.miss_pct:.1f} % of the cable")
     else:
         print(f"  saw     {cast.status.code}: {cast.status.value}")
     print(f"  then    {change_text(cast, session)}")
@@ -244,12 +255,18 @@ def print_result(result: "AimResult") -> None:
 
     tries = max((len(casts) for casts in result.casts), default=0)
     heads = ("target", *(str(number) for number in range(1, tries + 1)))
-    table = tables.make_table("Miss of each try, in % of cable length", *heads)
+    table = tables.make_table("Miss of each try in cm, and in % of the cable's length", *heads)
+    length = result.session.setup.cable.length
     stopped = []
     for target, casts, stop in zip(result.target_xy, result.casts, result.stops, strict=True):
         r, theta = xy_to_polar(target)
         place = f"r = {r:.2f} m, theta = {math.degrees(theta):.1f} deg"
-        cells = [f"{cast.miss_pct:.1f}" if cast.landed else cast.status.code for cast in casts]
+        cells = [
+            f"{cast.miss_pct * length:.1f}, {cast.miss_pct:.1f} %"
+            if cast.landed
+            else cast.status.code
+            for cast in casts
+        ]
         cells += [""] * (tries - len(cells))
         style = "bold" if any(cast.hit for cast in casts) else ""
         table.add_row(place, *cells, style=style)

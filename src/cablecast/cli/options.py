@@ -111,6 +111,16 @@ ArcRadius = Annotated[
         "Radius of the arcs that the gripper sweeps, at their start [m]; larger is flatter.",
     ),
 ]
+WithRefit = Annotated[
+    bool,
+    argument(
+        "",
+        "fit anew where it is worth it",
+        "Keep the fit. Otherwise the simulator is fitted to all casts before a target at three "
+        "times as many casts as it was fitted to, or at twice as many if first tries land farther "
+        "off than was stated.",
+    ),
+]
 TimeLimit = Annotated[float, argument("S", text="Time limit of a reset or a cast [s].")]
 Workers = Annotated[
     str,

@@ -23,11 +23,12 @@ def console_progress() -> Iterator[ProgressCallback]:
         yield _Lines(console.file).show
         return
     from rich import progress as rich
+    from rich.table import Column
 
     columns = (
         rich.TextColumn("{task.description}", markup=False),
         rich.BarColumn(),
-        rich.MofNCompleteColumn(),
+        rich.MofNCompleteColumn(table_column=Column(no_wrap=True)),
         rich.TextColumn("{task.fields[note]}", markup=False),
         rich.TimeElapsedColumn(),
         rich.TextColumn("left"),

@@ -5,6 +5,8 @@ import os
 import pathlib
 from typing import Annotated
 
+import tyro
+
 from cablecast.aiming.config import AimConfig
 from cablecast.cli.options import CableName, LabFile, RigName, TimeLimit, argument
 
@@ -14,15 +16,15 @@ class View(AimConfig):
     """Open a page in the browser: click on the table, and the cable is cast there.
 
     The page shows the table, the arm and the cable, and runs until Ctrl-C. The first time it gets
-    ready as `cablecast aim` does: the rig makes five casts, the simulator is fitted to them, and a
-    model is trained with simulated casts, which takes a minute or two. Every cast is kept in --out
-    and counts; the same command goes on with the session. Only this computer sees the page, unless
-    --host says otherwise.
+    ready as `cablecast aim` does: the rig makes five casts, and the simulator is fitted to them,
+    which takes a minute or two. Every cast is kept in --out and counts; the same command goes on
+    with the session. Only this computer sees the page, unless --host says otherwise.
     """
 
     setup: LabFile = None
     cable: CableName = None
     rig: RigName = "virtual"
+    refit: tyro.conf.Suppress[bool] = True
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/aim")] = None
     """Folder of the session, which `cablecast aim` goes on with."""
     time_limit: TimeLimit = 120.0

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cast import TrialStatus
-from cablecast.conventions import mirror_xy
+from cablecast.conventions import mirror_xy, xy_to_polar
 from cablecast.evaluation.evaluate import Evaluation
 from cablecast.evaluation.repeatability import Repeatability, confidence_ellipse
 from cablecast.report.style import (
@@ -43,6 +43,7 @@ _DASHED: Any = (0, (3, 1.6))
 _DOTTED: Any = (0, (1, 2))
 # Neighbouring targets must differ; the palette goes round.
 _COLORS = (BLUE, VERMILLION, GREEN, PURPLE, SKY)
+_FEW_TARGETS = 8
 
 
 @styled()
@@ -146,23 +147,40 @@ def _draw_reach(axes: "Axes", workspace: Workspace, reach: float) -> None:
 
 @styled()
 def tries_map(evaluation: Evaluation) -> "Figure":
-    """Draw every try (`repeat`) at every target, and the share of targets within a miss by try."""
+    """Draw every try (`repeat`) at every target on the table, and how far each missed.
+
+    Many targets are summed up: what share of them was within a distance after each try.
+    """
     workspace = evaluation.setup.workspace
     view = workspace_view(workspace)
     heights = (view.height(PAGE_WIDTH), 2.6)
     figure = new_figure(PAGE_WIDTH, sum(heights))
     table, curves = figure.subplots(2, height_ratios=heights)
     draw_workspace(table, workspace, view)
+    few = len(evaluation.target_xy) <= _FEW_TARGETS
     for index, target in enumerate(evaluation.target_xy):
-        own = evaluation.landed_xy[evaluation.target_index == index]
+        rows = evaluation.target_index == index
+        own, paint = evaluation.landed_xy[rows], _COLORS[index % len(_COLORS)] if few else BLUE
         landed = own[np.isfinite(own).all(axis=1)]
-        table.plot(*landed.T, "-", color=BLUE, linewidth=0.9, zorder=3)
+        table.plot(*landed.T, "-", color=paint, linewidth=0.9, zorder=3)
         for number, xy in enumerate(landed):
-            color = BLUE if number == len(landed) - 1 else FAINT
-            table.plot(*xy, "o", color=color, markeredgecolor=BLUE, markersize=4.5, zorder=4)
+            color = paint if number == len(landed) - 1 else FAINT
+            table.plot(*xy, "o", color=color, markeredgecolor=paint, markersize=4.5, zorder=4)
+        if few:
+            r, theta = xy_to_polar(target)
+            label = f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg"
+            misses = evaluation.errors_pct[rows]
+            curves.plot(1 + evaluation.repeat[rows], misses, "o-", color=paint, label=label)
         rim = INK if len(landed) == len(own) else VERMILLION
         table.plot(*target, "o", markersize=9, color="none", markeredgecolor=rim, zorder=3.5)
-    _draw_try_curves(curves, evaluation)
+    if not few:
+        _draw_try_curves(curves, evaluation)
+    else:
+        curves.set(xlabel="try", ylabel="miss [% of cable length]", ylim=(0, None))
+        curves.xaxis.get_major_locator().set_params(integer=True)
+    curves.grid(color=FAINT, linewidth=0.6)
+    curves.set_axisbelow(True)
+    curves.legend(loc="upper right" if few else "lower right", fontsize=8)
     return figure
 
 
@@ -181,9 +199,6 @@ def _draw_try_curves(axes: "Axes", evaluation: Evaluation) -> None:
         label = "first try" if number == 0 else f"try {number + 1}, or the hit before it"
         axes.step(known, share, where="post", label=label, color=scale.to_rgba(number))
     axes.set(xlabel="miss [% of cable length]", ylabel="targets [%]", ylim=(0, 102), xlim=(0, 30))
-    axes.grid(color=FAINT, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.legend(loc="lower right", fontsize=8)
 
 
 @styled()

@@ -265,7 +265,7 @@ class _Log:
                 done=len(self.history) + self.skipped,
                 total=self.total,
                 unit="steps",
-                note=f"{self.name}{stage}: casts followed to {share:.1f} %",
+                note=f"{self.name}{stage}: {share:.1f} % off",
             )
         )
 
