@@ -99,8 +99,52 @@ QUOTED: dict[str, tuple[str, float]] = {
         20.0,
     ),
     "reproduce": ("reproduce", 2.0),
+    "paper-way": (
+        "casts --rigs virtual:4 --cables cable_1 --labs 0 1 --counts 280 --methods aim "
+        "paper --targets 44 --tries 2",
+        4.0,
+    ),
+    "patchy-by-count": (
+        "casts --rigs patchy --cables cable_1 --counts 5 50 --methods aim simulated "
+        "fine-tuning --targets 66 --tries 2",
+        4.0,
+    ),
+    "no-casts": (
+        "casts --rigs virtual:4 --cables cable_1 --counts 0 --methods aim --targets 33 --tries 4",
+        2.0,
+    ),
+    "parts": (
+        "casts --rigs virtual:4 --cables cable_1 --counts 5 --methods aim 'one "
+        "simulator' 'full gain' --targets 66 --tries 6",
+        8.0,
+    ),
+    "other-physics": (
+        "casts --rigs strange engine example --counts 5 --methods aim --cables cable_1 "
+        "--targets 72",
+        5.0,
+    ),
+    "other-cables": (
+        "casts --rigs engine example --counts 5 --methods aim --cables cable_2 cable_3 "
+        "--targets 24",
+        3.0,
+    ),
+    "uneven": ("uneven", 0.3),
+    "even-friction": (
+        "casts --rigs even patchy --counts 5 --methods aim --cables cable_1 --targets 72",
+        4.0,
+    ),
     "effects": ("effects --count 10", 0.3),
     "validation": ("validation", 0.2),
+    "swing": ("swing", 0.01),
+    "order": ("order", 0.01),
+    "stability-materials": ("stability --materials --share 0.02", 0.05),
+    "sensitivity": ("sensitivity --count 40", 0.1),
+    "convergence-attachments": ("convergence --attachments --count 40", 0.1),
+    "convergence": ("convergence", 0.15),
+    "stability": ("stability --share 0.1", 0.1),
+    "engines": ("engines", 0.5),
+    "peers": ("peers", 1.0),
+    "mocap": ("mocap --data DIR", 1.0),
     "light": ("light", 0.5),
 }
 """Command and expected hours on two cores of each run that a page quotes, in order of worth."""

@@ -43,6 +43,8 @@ LENGTH_STEPS = 10
 """Steps of Newton's method towards equal segments."""
 SMOOTHING = 3.0
 """Weight of the third differences of a shape relative to its distance from the markers."""
+DRAWS = 6
+"""Random draws for each further start of a fit."""
 HELD = 2
 """Markers that are held at each end."""
 
@@ -55,13 +57,15 @@ class Args:
         data: Folder with NAME_train.npz and NAME_eval.npz.
         segment_count: Number of segments.
         dt: Longest step [s].
-        iterations: Largest number of steps of the fit.
+        iterations: Largest number of steps of the fit from each start.
+        starts: Number of starts of each fit; one that is not the first is the best of some draws.
     """
 
     data: pathlib.Path
     segment_count: int = 44
     dt: float = 5e-4
     iterations: int = 12
+    starts: int = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -380,25 +384,54 @@ def markers_of(nodes: Array, at: Array, inner: Array) -> Array:
     return places
 
 
-def fit(player: Player, unknowns: tuple[Unknown, ...], iterations: int) -> dict[str, float]:
-    """Return the numbers with the least error on the sequences (Levenberg and Marquardt's method).
+def fit(
+    player: Player,
+    unknowns: tuple[Unknown, ...],
+    iterations: int,
+    known: dict[str, float] | None = None,
+    starts: int = 1,
+) -> dict[str, float]:
+    """Return the numbers with the least error on the sequences, from several starts.
+
+    One start is that of the unknowns, one the numbers that a fit of fewer found, so that more
+    numbers never follow the sequences less. The others are the best of random draws.
 
     Args:
         player: Plays the sequences.
         unknowns: Numbers to fit.
-        iterations: Largest number of steps.
+        iterations: Largest number of steps from each start.
+        known: Numbers that a fit of fewer unknowns found, if there was one.
+        starts: Number of starts, apart from this one.
     """
+    rng = np.random.default_rng(0)
+    bounds = [[u.coordinate(getattr(u, side)) for u in unknowns] for side in SIDES]
+    first = [np.array([u.x for u in unknowns])]
+    if known is not None:
+        first.append(np.array([u.coordinate(known.get(u.name, u.start)) for u in unknowns]))
+    drawn = rng.uniform(*bounds, size=(DRAWS * (starts - 1), len(unknowns)))
+    drawn = sorted(drawn, key=lambda x: loss(player.errors(values_of(unknowns, x)).reshape(-1, 3)))
+    found = [descend(player, unknowns, iterations, x) for x in (*first, *drawn[: starts - 1])]
+    return min(found, key=lambda result: result[0])[1]
 
-    def values(x: Array) -> dict[str, float]:
-        return {u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)}
+
+def values_of(unknowns: tuple[Unknown, ...], x: Array) -> dict[str, float]:
+    """Return the numbers at some coordinates."""
+    return {u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)}
+
+
+def loss(errors: Array) -> float:
+    """Return the mean distance of markers [m], shape [marker, 3], smooth at 0."""
+    return float(np.mean(np.sqrt(np.sum(errors**2, axis=1) + SMOOTH**2)))
+
+
+def descend(
+    player: Player, unknowns: tuple[Unknown, ...], iterations: int, x: Array
+) -> tuple[float, dict[str, float]]:
+    """Return the least loss near some coordinates, and its numbers (Levenberg and Marquardt)."""
 
     def residuals(x: Array) -> Array:
-        return player.errors(values(x)).reshape(-1, 3)
+        return player.errors(values_of(unknowns, x)).reshape(-1, 3)
 
-    def loss(errors: Array) -> float:
-        return float(np.mean(np.sqrt(np.sum(errors**2, axis=1) + SMOOTH**2)))
-
-    x = np.array([u.x for u in unknowns])
     low, high = (np.array([u.coordinate(getattr(u, side)) for u in unknowns]) for side in SIDES)
     errors, damping = residuals(x), 1e-2
     for _ in range(iterations):
@@ -426,7 +459,7 @@ def fit(player: Player, unknowns: tuple[Unknown, ...], iterations: int) -> dict[
             damping *= 5.0
         if not improved or before - loss(errors) < 1e-4 * before:
             break
-    return values(x)
+    return loss(errors), values_of(unknowns, x)
 
 
 def find_cables(folder: pathlib.Path) -> list[str]:
@@ -447,8 +480,9 @@ def main(args: Args) -> Iterator[Table]:
     for name in find_cables(args.data):
         train = Sequences(args.data / f"{name}_train.npz")
         held_out = Sequences(args.data / f"{name}_eval.npz")
+        values: dict[str, float] | None = None
         for label, unknowns in SETS.items():
-            values = fit(Player(train, args), unknowns, args.iterations)
+            values = fit(Player(train, args), unknowns, args.iterations, values, args.starts)
             trained = Player(train, args).error_cm(values)
             tested = Player(held_out, args).error_cm(values)
             found = ", ".join(f"{key} {value:.3g}" for key, value in values.items())

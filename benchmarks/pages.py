@@ -21,8 +21,9 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from benchmarks.result import FOLDER, ROOT, Result, Table, quoted
+from benchmarks.result import FOLDER, ROOT, Result, Table, quoted, show
 from cablecast.cable import load_cable
+from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
 from cablecast.files import read_text, write_bytes, write_text
 from cablecast.runs.progress import duration_text
 
@@ -102,6 +103,50 @@ def centimetres(result: Result) -> str:
         ]
         rows.append((f"{name}: {words}, {100 * cable.length:.0f} cm", *cells))
     return Table("", ("cable", *heads), rows).markdown()
+
+
+def convergence(result: Result) -> str:
+    """Return median and p90 of each cable, by segments and step in double precision."""
+    return resolutions(result.tables[0])
+
+
+def steps(result: Result) -> str:
+    """Return the same for the error of the step alone."""
+    return resolutions(result.tables[1])
+
+
+def resolutions(table: Table) -> str:
+    """Return a row for each resolution in double precision, the default in bold."""
+    records = [row for row in table.records() if row["precision"] == "double"]
+    keys, heads = ("segments", "step [ms]"), list(dict.fromkeys((r["cable"],) for r in records))
+    rows = []
+    for segments, step, *cells in pivot(records, keys, ("cable",), heads, median_and_p90):
+        row = (segments, show(float(step)), *cells)
+        is_default = (int(segments), row[1]) == (DEFAULT_SEGMENT_COUNT, show(1e3 * DEFAULT_DT))
+        rows.append(tuple(f"**{cell}**" for cell in row) if is_default else row)
+    columns = (*keys, *(f"{name}: median / p90 [%]" for (name,) in heads))
+    return Table("", columns, rows).markdown()
+
+
+def median_and_p90(row: dict[str, Any]) -> str:
+    """Return the median and the 90th percentile of an error."""
+    return f"{row['median [%]']:.2f} / {row['p90 [%]']:.1f}"
+
+
+def marked(result: Result) -> str:
+    """Return the worlds that are marked at each step, by the number of segments."""
+    rows: dict[Any, list[dict[str, Any]]] = {}
+    for row in result.tables[0].records():
+        rows.setdefault(row["segments"], []).append(row)
+    steps = " / ".join(show(row["step [ms]"]) for row in next(iter(rows.values())))
+    columns = ("segments", "worlds", f"marked at {steps} ms", "grown and not marked", "most growth")
+    lines = []
+    for segments, of in rows.items():
+        marks = " / ".join(str(row["marked"]) for row in of)
+        grown = sum(row["grown and not marked"] for row in of)
+        growth = max(row["most growth"] for row in of)
+        lines.append((segments, sum(row["worlds"] for row in of), marks, grown, f"{growth:.2f}"))
+    return Table("", columns, lines).markdown()
 
 
 CABLES = {
@@ -219,6 +264,9 @@ VIEWS: dict[str, Callable[[Result], str]] = {
     "medians": medians,
     "shares": shares,
     "centimetres": centimetres,
+    "convergence": convergence,
+    "steps": steps,
+    "marked": marked,
     "closed forms": closed_forms,
     "lights": lights,
     "figures": figures,

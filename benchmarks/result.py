@@ -71,7 +71,8 @@ def show(value: Any) -> str:
     """Return a cell of a table."""
     if value is None:
         return ""
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    # Not -0.
+    return f"{value + 0.0:.3g}" if isinstance(value, float) else str(value)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

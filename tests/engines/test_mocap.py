@@ -54,6 +54,24 @@ def test_the_fit_finds_a_better_damping(folder):
     assert abs(found["damping_time"] - 0.05) < abs(DAMPING.start - 0.05)
 
 
+def test_more_numbers_never_follow_the_sequences_less(folder, monkeypatch):
+    """A loss with two valleys: from its own start a fit of two numbers ends in the side one."""
+    player = Player(Sequences(folder / "rope_train.npz"), Args(data=folder, segment_count=20))
+
+    def errors(values):
+        b = np.log(values["bend_stiffness"] / BEND.start)
+        d = np.log(values["damping_time"] / DAMPING.start) if "damping_time" in values else 0.0
+        near = 0.2 + 0.5 * b**2 if abs(b) < 0.5 else 0.1 * (b - 2.0)
+        return np.array([near, 0.1 * d, 0.0]).reshape(1, 1, 1, 3)
+
+    monkeypatch.setattr(player, "errors", errors)
+    few = {"bend_stiffness": BEND.start * np.exp(1.5)}
+    alone, after = fit(player, (BEND, DAMPING), 8), fit(player, (BEND, DAMPING), 8, few)
+    assert np.abs(errors(alone)).max() > 0.1
+    assert np.abs(errors(after)).max() < 0.01
+    assert np.abs(errors(fit(player, (BEND, DAMPING), 8, starts=4))).max() < 0.01
+
+
 def test_a_folder_without_sequences_is_refused(tmp_path):
     with pytest.raises(InputError, match="holds no file"):
         list(main(Args(data=tmp_path)))

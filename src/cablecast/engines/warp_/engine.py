@@ -41,13 +41,13 @@ from cablecast.motion.grip_path import GripPath
 DEFAULT_SEGMENT_COUNT = 50
 DEFAULT_DT = 5e-3 / 9
 """The coarsest resolution whose landings, on all three presets, are within 1 % of cable length of
-converged ones in the median and within 5 % in nine of ten casts: `python -m benchmarks
+converged ones in the median, and within 2 to 6 % in nine of ten casts: `python -m benchmarks
 convergence`, docs/engine.md. At an eighteenth of 10 ms no preset takes substeps yet."""
 
 MOST_NOISE = 0.05
 """Share of friction up to which rounding in single precision does no harm [-]. Cables that lie bent
 at Coulomb's limit move by less than 0.1 um in 20 s at up to a share of 0.18, by 0.1 mm at 0.5
-(tests/engines/test_warp_numerics.py); other scenes creep by 0.1 mm from 0.05 on."""
+(tests/engines/test_warp_forces.py); other scenes creep by 0.1 mm from 0.05 on."""
 
 REST_DURATION = 0.05
 """Time for which a world must be slow to be at rest [s]."""
