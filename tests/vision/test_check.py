@@ -8,11 +8,11 @@ import pytest
 pytest.importorskip("cv2")
 
 from cablecast.camera.settings import CameraSettings
-from cablecast.errors import InputError
+from cablecast.errors import CameraError, InputError
 from cablecast.rigs.virtual.config import LightConfig
 from cablecast.setup import Setup
 from cablecast.vision.check import CameraCheck
-from cablecast.vision.live import CameraFacts, Frame
+from cablecast.vision.live import Brightness, CameraFacts, Frame, FrameWatch
 
 STREAM = CameraFacts(kind="stream", backend="FFMPEG", width=64, height=64)
 DEVICE = CameraFacts(
@@ -158,3 +158,34 @@ def test_repeated_frames_are_told():
     assert report.repeated_count == 0
     told = dataclasses.replace(report, repeated_count=7)
     assert any("7 of 60 frames are the one before again" in line for line in told.advice())
+
+
+def seen(blur, seed=0, **light):
+    """Return a picture of the table by a lens with a blur [px]."""
+    from cablecast.rigs.virtual.camera import VirtualCamera
+    from cablecast.rigs.virtual.config import CameraConfig
+
+    camera = VirtualCamera(dataclasses.replace(CameraConfig().resized(960), blur=blur))
+    image = camera.empty_frame(seed)
+    gains = np.array([light.get(name, 1.0) for name in ("blue", "green", "red")])
+    return np.clip(image * gains, 0, 255).astype(np.uint8)
+
+
+def test_a_lens_that_loses_its_focus_is_told_in_each_frame():
+    watch = FrameWatch("0", Brightness.of(seen(0.7)))
+    for k, gain in enumerate((1.0, 0.4, 1.2)):
+        image = seen(0.7, k, blue=gain, green=gain, red=gain)
+        assert watch.look(Frame(time=k / 60, arrival=k / 60, image=image))
+    with pytest.raises(CameraError, match=r"out of focus: edges are 0\.\d\d times as sharp"):
+        watch.look(Frame(time=1.0, arrival=1.0, image=seen(2.0)))
+    report = check(DEVICE, even(), even(start=900.0))
+    sharp, blurred = Brightness.of(seen(0.7)), Brightness.of(seen(2.5))
+    for brightness, refocused, words in (
+        (sharp, 1.0, ""),
+        (blurred, 1.0, "the picture is blurred: focus the lens"),
+        (sharp, 0.6, "the focus changed in"),
+    ):
+        told = dataclasses.replace(report, brightness=brightness, refocused=refocused)
+        said = [line for line in told.advice() if "focus" in line]
+        assert len(said) == bool(words)
+        assert words in "".join(said)

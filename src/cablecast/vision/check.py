@@ -42,6 +42,8 @@ _REPEATED_MIN = 0.02
 _RATE_SHARE_MIN = 0.95
 _EXPOSURE_CHANGE = 1.2
 _DARK, _CLIPPED_MAX = 45.0, 0.05
+_SHARPNESS_MIN, _REFOCUSED = 0.36, 0.8
+"""Sharpness of a picture, and the least share of it that stays while a lens keeps its focus [-]."""
 _RMS_MAX, _RMS_MAX_PX = 0.003, 1.0
 """Misfit of the tags that is worth a word: above both, for small pictures are coarse [m], [px]."""
 _MARKER_WIDTH_MIN = 5.5
@@ -126,6 +128,7 @@ class CameraReport:
         drift: Change of blue, green and red against their mean from begin to end [-], shape [3].
         duration: Time that was looked at [s].
         brightness: Brightness of the last picture.
+        refocused: Sharpness of the least sharp picture as a share of that of the sharpest [-].
         failure: What is wrong with the pictures (frozen, dark); None if nothing is.
         tags_seen: Numbers of the layout's tags that were seen.
         tag_count: Number of tags of the layout.
@@ -155,6 +158,7 @@ class CameraReport:
     drift: NDArray[np.float64]
     duration: float
     brightness: Brightness
+    refocused: float
     failure: str | None
     tags_seen: tuple[int, ...]
     tag_count: int
@@ -228,6 +232,13 @@ class CameraReport:
             )
         if self.facts.autofocus:
             said.append("focus is automatic: switch it off with the camera's own tool")
+        elif self.refocused < _REFOCUSED:
+            said.append(
+                f"the focus changed in {self.duration:.1f} s, to {100 * self.refocused:.0f} % of "
+                "the sharpness: switch automatic focus off"
+            )
+        if self.brightness.sharpness < _SHARPNESS_MIN:
+            said.append("the picture is blurred: focus the lens on the table, and clean it")
         length = self.settings.marker[0]
         if self.blur > length:
             said.append(
@@ -339,6 +350,7 @@ class CameraCheck:
         self._images: list[NDArray[np.uint8]] = []
         self._rows: list[NDArray[np.float64]] = []
         self._repeated_count = 0
+        self._sharpness: list[float] = []
 
     def look(self, frame: Frame) -> None:
         """Look at the next frame."""
@@ -350,6 +362,8 @@ class CameraCheck:
             self._repeated_count += not self._watch.look(frame)
         except CameraError as error:
             self._failure = str(error)
+        if self._watch.now is not None:
+            self._sharpness.append(self._watch.now.sharpness)
 
     def report(self, dropped_count: int = 0) -> CameraReport:
         """Return what was found; `dropped_count` frames came too fast for this computer.
@@ -406,6 +420,7 @@ class CameraCheck:
             drift=np.median(tints[-count:], axis=0) / np.median(tints[:count], axis=0) - 1.0,
             duration=float(times[-1]),
             brightness=Brightness.of(image),
+            refocused=min(self._sharpness, default=1.0) / max(self._sharpness, default=1.0),
             failure=self._failure,
             tags_seen=tuple(sorted(ids)),
             tag_count=len(tags_of(self._setup).tags),

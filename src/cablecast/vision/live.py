@@ -250,39 +250,52 @@ _SHADE = 0.2
 """Share of the pixels that are darker than the one by which brightness is compared: white table may
 be saturated, the floor and the tags' ink are not."""
 
+_EDGE_SHARE, _EDGE_MIN, _BLUR_CHANGE = 0.002, 25.0, 0.75
+"""Share of the pixels that are the strongest edges, least height of these, of 255, and factor of
+their sharpness since the calibration below which the lens has lost its focus: that of a blur by
+2 px is 0.6."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Brightness:
-    """Brightness of a picture.
+    """Brightness and sharpness of a picture.
 
     Attributes:
         mean: Mean of all pixels, of 255.
         colour: Blue, green and red as multiples of their mean [-].
         shade: Brightness of its darker parts, of 255.
         clipped: Share of the pixels that are saturated [-].
+        sharpness: Change of brightness over one pixel at the strongest edges, as a share of that
+            over four: half at sharp ones, a quarter where all is blurred, and 1 without edges [-].
     """
 
     mean: float
     colour: tuple[float, float, float]
     shade: float
     clipped: float
+    sharpness: float
 
     @classmethod
     def of(cls, image: NDArray[np.uint8]) -> "Brightness":
         """Return the brightness of a picture, BGR, shape [v, u, 3]."""
         pixels = image[::_STRIDE, ::_STRIDE]
         grey, (blue, green, red) = pixels.mean(axis=-1), pixels.mean(axis=(0, 1)) + 1.0
-        third = float(blue + green + red) / 3
+        third, rows = float(blue + green + red) / 3, image[:: 2 * _STRIDE, :, 1].astype(np.int16)
+        slopes = [
+            float(np.quantile(np.abs(rows[:, apart:] - rows[:, :-apart]), 1.0 - _EDGE_SHARE))
+            for apart in (1, 4)
+        ]
         return cls(
             mean=float(grey.mean()),
             colour=(float(blue) / third, float(green) / third, float(red) / third),
             shade=float(np.quantile(grey, _SHADE)),
             clipped=float(np.mean(grey >= _WHITE)),
+            sharpness=slopes[0] / slopes[1] if slopes[1] > _EDGE_MIN else 1.0,
         )
 
 
 class FrameWatch:
-    """Looks at each frame for a camera that is frozen, dark, or sees another light.
+    """Looks at each frame for a camera that is frozen, dark, out of focus, or in another light.
 
     A picture of a real sensor never repeats itself exactly, for its noise is new in every frame.
     `usual` is the brightness at the time of the calibration; it is not compared where None.
@@ -293,12 +306,13 @@ class FrameWatch:
         self._usual = usual
         self._last: NDArray[np.uint8] | None = None
         self._same_count = 0
+        self.now: Brightness | None = None
 
     def look(self, frame: Frame) -> bool:
         """Look at the next frame, and return whether it is another one than the last.
 
         Raises:
-            CameraError: The camera is frozen, dark, or sees another light; says what to do.
+            CameraError: The camera is one of these; says what to do.
         """
         sampled = frame.image[::_STRIDE, ::_STRIDE]
         same = self._last is not None and np.array_equal(sampled, self._last)
@@ -310,7 +324,7 @@ class FrameWatch:
                 f"{where} is frozen: {self._same_count + 1} frames in a row are equal to the last "
                 "bit. Plug it out and in again, and repeat the trial"
             )
-        now = Brightness.of(frame.image)
+        now = self.now = Brightness.of(frame.image)
         if now.mean < _DARK_MAX:
             raise CameraError(
                 f"{where} is dark: its mean brightness is {now.mean:.0f} of 255. Switch on the "
@@ -324,6 +338,12 @@ class FrameWatch:
                 f"{where} is {change:.2f} times as bright as when it was calibrated, and "
                 f"{100 * now.clipped:.0f} % of it are white: the light or the exposure has "
                 "changed. Switch automatic exposure off, and start anew"
+            )
+        if now.sharpness < _BLUR_CHANGE * self._usual.sharpness:
+            raise CameraError(
+                f"{where} is out of focus: edges are {now.sharpness / self._usual.sharpness:.2f} "
+                "times as sharp as when it was calibrated. Switch automatic focus off, and start "
+                "anew"
             )
         for name, a, b in zip(
             ("blue", "green", "red"), now.colour, self._usual.colour, strict=True
