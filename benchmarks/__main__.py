@@ -83,6 +83,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         LABORATORY,
         "scatter and difficulty of the virtual rig and of the paper",
     ),
+    "labs": ("labs:labs", (*LEARNING, "pipeline/check"), "random laboratories: run or refused"),
     "reproduce": (
         "reproduction:main",
         (*LEARNING, "evaluation"),

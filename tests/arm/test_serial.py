@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cablecast.arm.description import arm_from_dict
+from cablecast.arm.shape import self_gaps
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError, InputError, UnknownNameError
 from cablecast.motion.action import Action, grid_actions
@@ -268,3 +269,20 @@ def test_an_arm_too_short_for_its_gripper_says_so(tmp_path):
 def test_menagerie_without_its_package_says_what_to_install():
     with pytest.raises(InputError, match="pip install mujoco-menagerie"):
         arm_from_dict({"menagerie": "ufactory_xarm7", "tip": "link7"})
+
+
+def test_an_arm_never_folds_into_itself_where_it_holds_the_grip():
+    arm = pybullet_arm("xarm6")
+    # So thick a fore-arm meets the base where the arm folds.
+    thick = [(*row[:6], 0.11 if joint == 4 else row[6]) for joint, row in enumerate(arm.capsules)]
+    thick = dataclasses.replace(arm, capsules=tuple(thick))
+    pose = np.array([0.0, 0.45, 0.02, 0.0, 0.0])
+    slim, stout = (one.inverse_motion(pose, 0 * pose, 0 * pose) for one in (arm, thick))
+    assert stout.radius_min > slim.radius_min + 0.02
+    near, far = float(stout.radius_min), float(stout.radius_max)
+    radii = np.linspace(near + 1e-3, far - 1e-3, 200) + arm.grip_offset
+    poses = np.tile(pose, (200, 1))
+    poses[:, 1] = radii
+    for pair, gap in self_gaps(thick, thick.inverse(poses)).items():
+        # Between the nodes of the table it may be a little less.
+        assert gap.min() > -2e-3 or gap.max() < 0.0, pair

@@ -30,6 +30,7 @@ from cablecast.arm.base import (
     polar_motion,
     rod_ends,
 )
+from cablecast.arm.shape import self_gaps
 from cablecast.errors import IKError, InputError, check_keys, check_name, check_number
 
 JOINT_COUNT_MIN, JOINT_COUNT_MAX = 5, 12
@@ -306,7 +307,7 @@ def _tabulate(arm: ArmSerial, height: float) -> _Table:
         q[place, column] = solver.solve(guess[None], radii[place, None], np.zeros(1))
     for place, guess in _outwards(q.swapaxes(0, 1), column):
         q[:, place] = solver.solve(guess, radii, np.full(_RADIUS_NODES, turns[place]))
-    known = np.all(np.isfinite(q), axis=-1)
+    known = np.all(np.isfinite(q), axis=-1) & ~_folds_into_itself(arm, q, (row, column))
     columns = _run(known[row], column)
     rows = _run(np.all(known[:, columns], axis=1), row)
     shares, turns, q = shares[rows], turns[columns], q[rows, columns]
@@ -324,6 +325,16 @@ def _tabulate(arm: ArmSerial, height: float) -> _Table:
         sense=solver.sense,
         coefficients=np.ascontiguousarray(c.reshape(*c.shape[:2], 16, arm.joint_count)),
     )
+
+
+def _folds_into_itself(arm: ArmSerial, q: Array, start: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return at which postures, shape [..., joint], parts touch that do not at the start.
+
+    Capsules of neighbours may overlap everywhere.
+    """
+    gaps = self_gaps(arm, np.nan_to_num(q).reshape(-1, arm.joint_count)).values()
+    apart = [gap.reshape(q.shape[:-1]) for gap in gaps]
+    return np.any([(gap < 0.0) & (gap[start] > 0.0) for gap in apart], axis=0)
 
 
 def _outwards(q: Array, middle: int) -> Iterator[tuple[int, Array]]:

@@ -83,13 +83,7 @@ def find_collision(arm: Arm, robot: RobotConfig, q: Array) -> str | None:
         robot: Clearance, tool radius and obstacles.
         q: Joint angles [rad], shape [step, joint].
     """
-    # Both ends [m], shape [step, 2, 3], and radius [m] of each part that moves or may be met.
-    frames = arm.frames(q)
-    links = arm.links(frames)
-    ends = np.moveaxis(links.ends, -3, 0)[1:]
-    parts = dict(zip(links.names[1:], zip(ends, links.safe[1:], strict=True), strict=True))
-    grip = arm.grip_pose(q)[:, :3]
-    parts["gripper"] = (np.stack([frames[-1][:, :3, 3], grip], axis=-2), robot.tool_radius)
+    parts = _parts(arm, q, robot.tool_radius)
     for name in list(parts)[_STANDING:]:
         axis, radius = parts[name]
         bound = robot.clearance
@@ -104,11 +98,37 @@ def find_collision(arm: Arm, robot: RobotConfig, q: Array) -> str | None:
             gap = _gap(part, (ends, obstacle.radius))
             if gap.min() < robot.clearance:
                 return _too_close(name, f"obstacle {number + 1}", gap, robot.clearance)
-    for low, high in arm.self_pairs(tuple(parts)):
-        gap = _gap(parts[low], parts[high])
+    for (low, high), gap in self_gaps(arm, q, robot.tool_radius).items():
         if gap.min() < robot.clearance:
             return _too_close(high, f"the {low}", gap, robot.clearance)
     return None
+
+
+def self_gaps(arm: Arm, q: Array, tool_radius: float = 0.04) -> dict[tuple[str, str], Array]:
+    """Return the distances between parts of an arm that can meet when it folds.
+
+    Args:
+        arm: Geometry of the arm.
+        q: Joint angles [rad], shape [step, joint].
+        tool_radius: Radius of the gripper, a capsule from the flange to the grip [m].
+
+    Returns:
+        Distance between the surfaces of two parts [m], shape [step], by their names.
+    """
+    parts = _parts(arm, q, tool_radius)
+    return {
+        (low, high): _gap(parts[low], parts[high]) for low, high in arm.self_pairs(tuple(parts))
+    }
+
+
+def _parts(arm: Arm, q: Array, tool_radius: float) -> dict[str, tuple[Array, float]]:
+    """Return both ends [m], [step, 2, 3], and radius [m] of each part that moves or may be met."""
+    frames = arm.frames(q)
+    links = arm.links(frames)
+    ends = np.moveaxis(links.ends, -3, 0)[1:]
+    parts = dict(zip(links.names[1:], zip(ends, links.safe[1:], strict=True), strict=True))
+    grip = arm.grip_pose(q)[:, :3]
+    return parts | {"gripper": (np.stack([frames[-1][:, :3, 3], grip], axis=-2), tool_radius)}
 
 
 def _too_close(name: str, what: str, gap: Array, bound: float) -> str:

@@ -1,0 +1,246 @@
+"""Random laboratories: which run, which are refused rightly, and how near casts land.
+
+Each laboratory has a table, an arm and its mounting, a cable of 0.3 to 3 m, 1 to 30 mm and 1 g to
+1 kg, with and without attachment, described by no more than a new user would write: size of the
+table, model and base of the arm, length, diameter, mass and kind of the cable. The truth is drawn
+from what is believed of such a cable, and played by the rig of the engine.
+
+Two targets are aimed at: a place of the table that is drawn, and one where a cast of the true cable
+lands. 5,000 random casts of the true cable that the arm can follow judge each refusal: it is right
+if none of them stays on the table and lands within 3 % of the target. Each laboratory is kept in
+--out: the same command resumes where it was stopped.
+"""
+
+import collections
+import dataclasses
+import pathlib
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cablecast as cc
+from benchmarks.result import Table
+from cablecast.aiming.session import SimulatorConfig
+from cablecast.arm.ur import ARM_MODELS
+from cablecast.cable import KIND_NAMES
+from cablecast.conventions import mirror_xy
+from cablecast.engines.dynamics import Dynamics
+from cablecast.files import read_json, write_json
+from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.feasibility import check_actions, widest_ranges
+from cablecast.rigs.engine import RigEngine
+from cablecast.tuning.fit import FitConfig
+from cablecast.tuning.space import ParamPrior, SearchSpace
+
+BRUTE_COUNT, BRUTE_CHUNK = 5000, 1000
+WITHIN_PCT = 3.0
+SEGMENT_COUNT, DT = 20, 1e-3
+# Densities of what cables are made of, with the air between strands and links [kg/m³].
+DENSITIES = {"rope": (500, 1200), "hose": (500, 1400), "wire": (1500, 6000), "chain": (1500, 4000)}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LabsArgs:
+    """Random laboratories."""
+
+    count: int = 200
+    """Number of laboratories."""
+    minutes: float = 1e6
+    """Time after which no other laboratory is begun [min]."""
+    simulated: int = 4000
+    """Simulated casts that each model is trained on."""
+    epochs: int = 30
+    """Largest number of passes over them."""
+    tries: int = 3
+    """Casts at each target."""
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/labs")
+    """Folder of the results, in which the same command resumes."""
+
+
+def describe(seed: int) -> dict[str, Any]:
+    """Return the lab file of a random laboratory."""
+    rng = np.random.default_rng([seed, 52])
+    kind = str(rng.choice(KIND_NAMES))
+    while True:
+        length, diameter = np.exp(rng.uniform(np.log([0.3, 1e-3]), np.log([3.0, 0.03])))
+        mass = length * np.pi / 4 * diameter**2 * rng.uniform(*DENSITIES[kind])
+        if 1e-3 <= mass <= 1.0:
+            break
+    cable = {"name": f"cable_{seed}", "kind": kind}
+    cable |= {"length": round(length, 3), "diameter": round(diameter, 4), "mass": round(mass, 5)}
+    if rng.random() < 0.5:
+        cable |= {"attachment": "hook", "attachment_length": 0.03}
+    table = {
+        "table_width": round(rng.uniform(0.8, 2.75), 2),
+        "table_depth": round(rng.uniform(0.8, 2.2), 2),
+        "table_yaw_deg": float(rng.choice([0, 90])),
+        "table_near_y": round(rng.uniform(-0.4, 0.2), 2),
+    }
+    model = str(rng.choice(list(ARM_MODELS)))
+    arm = {"model": model, "base_height": round(rng.uniform(0.05, 0.25), 3)}
+    return {"cable": cable, "workspace": table, "arm": arm}
+
+
+def truth_of(setup: cc.Setup, seed: int) -> cc.CableParams:
+    """Return true physics as far from what is believed of a cable as its deviations say."""
+    space = SearchSpace.for_cable(setup.cable, FitConfig().materials)
+    return space.to_params(ParamPrior.for_cable(setup.cable, space).draw(2, seed)[1])
+
+
+def brute_force(setup: cc.Setup, truth: cc.CableParams) -> NDArray[np.float64]:
+    """Return where random casts of the true cable that stay on the table land, [cast, 2]."""
+    box = widest_ranges(setup).to_array()
+    rng, engine = np.random.default_rng(0), cc.EngineWarp(segment_count=SEGMENT_COUNT, dt=DT)
+    landed, count = [np.empty((0, 2))], 0
+    for _ in range(20 * BRUTE_COUNT // BRUTE_CHUNK):
+        actions = rng.uniform(box[:, 0], box[:, 1], (BRUTE_CHUNK, 4))
+        actions[:, 3] += actions[:, 1]
+        actions = actions[check_actions(actions, setup).mask]
+        if not len(actions):
+            continue
+        paths = cast_grip_paths(actions, setup)
+        xy = Dynamics(params=truth).rollout(engine, setup, paths).endpoint_xy
+        stays = np.all(setup.workspace.edge_distance(xy) >= 0.0, axis=1)
+        landed += [xy[stays, -1], mirror_xy(xy[stays, -1])]
+        count += len(actions)
+        if count >= BRUTE_COUNT:
+            break
+    return np.concatenate(landed)
+
+
+def play(args: LabsArgs, seed: int) -> dict[str, Any]:
+    """Return what becomes of a laboratory: a refusal with its reason, or the misses."""
+    lab, start = describe(seed), time.monotonic()
+    found: dict[str, Any] = {"lab": lab, "refused": "", "targets": []}
+    try:
+        setup = cc.Setup.from_dict(lab)
+    except cc.CablecastError as error:
+        # The cable lies beyond the table wherever the arm may hold it.
+        return found | {"refused": "description", "reason": str(error), "right": True}
+    truth = truth_of(setup, seed)
+    landed = brute_force(setup, truth)
+    found["landed"] = len(landed)
+    try:
+        checked = cc.check(setup, changes=False)
+    except cc.CablecastError as error:
+        return found | {"refused": "check", "reason": str(error), "right": not len(landed)}
+    found["share"] = float(checked.shares[0])
+    if not checked.reaches_anything:
+        limits = "; ".join(checked.limits)
+        return found | {"refused": "check", "reason": limits, "right": not len(landed)}
+    rng = np.random.default_rng([seed, 7])
+    places = [drawn_place(setup, rng)]
+    places += [landed[rng.integers(len(landed))]] if len(landed) else []
+    within = WITHIN_PCT / 100.0 * setup.cable.length
+    aimed = []
+    for place in places:
+        near = float(np.linalg.norm(landed - place, axis=1).min(initial=np.inf))
+        refused = checked.is_out_of_reach(place)
+        row = {"xy": place.tolist(), "reachable": near <= within, "refused": refused}
+        found["targets"].append(row)
+        aimed += [] if refused else [row]
+    if aimed:
+        found |= aim_at(args, setup, truth, aimed)
+    return found | {"seconds": time.monotonic() - start}
+
+
+def drawn_place(setup: cc.Setup, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return a place of the table within the reach of arm and cable [m]."""
+    workspace = setup.workspace
+    low, high = (-workspace.half_width, workspace.y_min), (workspace.half_width, workspace.y_max)
+    while True:
+        place = rng.uniform(low, high)
+        if np.linalg.norm(place) < workspace.reach(setup.cable.length):
+            return place
+
+
+def aim_at(
+    args: LabsArgs, setup: cc.Setup, truth: cc.CableParams, rows: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Aim at targets as `cablecast aim` does, and note the misses in their rows."""
+    engine = cc.EngineWarp(segment_count=SEGMENT_COUNT, dt=DT)
+    config = cc.AimConfig(
+        tries=args.tries,
+        simulated_count=args.simulated,
+        epochs=args.epochs,
+        candidate_count=args.simulated,
+        within_pct=WITHIN_PCT,
+        refit=False,
+    )
+    simulators = SimulatorConfig(segment_count=SEGMENT_COUNT, dt=DT)
+    with cc.make_rig(RigEngine(engine, setup, truth), setup, time_limit=None) as rig:
+        try:
+            session = cc.prepare_aim(rig, config, simulators=simulators)
+        except cc.CablecastError as error:
+            return {"refused": "aim", "reason": str(error), "right": False}
+        for row in rows:
+            result = cc.aim(session, rig, row["xy"])
+            row["stop"] = result.stops[0]
+            row["miss_pct"] = [cast.miss_pct if cast.landed else 100.0 for cast in result.casts[0]]
+    return {}
+
+
+def labs(args: LabsArgs) -> Iterator[Table]:
+    """Yield what becomes of the laboratories, and the misses where they run."""
+    end = time.monotonic() + 60.0 * args.minutes
+    found = []
+    for seed in range(args.count):
+        path = args.out / f"lab-{seed:03d}.json"
+        if not path.is_file():
+            if time.monotonic() > end:
+                print(
+                    f"{len(found)} of {args.count} laboratories are done: the same command goes on"
+                )
+                break
+            write_json(path, play(args, seed))
+        found.append(read_json(path))
+    yield outcomes(found)
+    yield refusals(found)
+    yield misses(found)
+
+
+def outcomes(found: list[dict[str, Any]]) -> Table:
+    """Return how many laboratories run, and how many refusals are right."""
+    rows = []
+    for name in ("", "description", "check", "aim"):
+        own = [lab for lab in found if lab["refused"] == name]
+        right = sum(lab.get("right", False) for lab in own)
+        rows.append((name or "runs", len(own), right if name else None))
+    return Table("Laboratories, and refusals that are right", ("outcome", "labs", "right"), rows)
+
+
+def refusals(found: list[dict[str, Any]]) -> Table:
+    """Return how many targets are refused, before any cast or after some, and how rightly."""
+    targets = [row for lab in found for row in lab["targets"] if row["refused"] or "stop" in row]
+    counts = collections.Counter(
+        (row["reachable"], "refused" if row["refused"] else "stopped" if row["stop"] else "aimed")
+        for row in targets
+    )
+    rows = [
+        (words, *(counts[reachable, what] for what in ("refused", "stopped", "aimed")))
+        for reachable, words in ((True, "a random cast lands there"), (False, "none does"))
+    ]
+    columns = ("target", "refused before any cast", "stopped after some", "all tries")
+    return Table("Targets", columns, rows)
+
+
+def misses(found: list[dict[str, Any]]) -> Table:
+    """Return the misses of each try at targets where a random cast of the true cable lands."""
+    own = [
+        row["miss_pct"]
+        for lab in found
+        for row in lab["targets"]
+        if row["reachable"] and row.get("miss_pct")
+    ]
+    rows = []
+    for number in range(max(map(len, own), default=0)):
+        # A target that was hit, or given up, keeps its last miss.
+        values = [tries[min(number, len(tries) - 1)] for tries in own]
+        q1, median, q3 = np.quantile(values, (0.25, 0.5, 0.75))
+        hit = 100.0 * float(np.mean(np.array(values) <= WITHIN_PCT))
+        rows.append((number + 1, len(values), float(median), float(q1), float(q3), hit))
+    columns = ("try", "targets", "median", "q1", "q3", "hit [%]")
+    return Table("Miss after each try at reachable targets [% of cable length]", columns, rows)
