@@ -1,5 +1,6 @@
 """Arms from description files: URDF or MJCF, read by MuJoCo, and MuJoCo Menagerie."""
 
+import dataclasses
 import itertools
 import os
 import pathlib
@@ -64,9 +65,9 @@ def arm_from_dict(values: Any, folder: str | os.PathLike[str] | None = None) -> 
     mount = {key: values.pop(key) for key in _MOUNT_KEYS & set(values)}
     if "menagerie" in values:
         name = str(values.pop("menagerie"))
-        return _Chain(name, name, _menagerie(name), {}, **values).arm(mount)
+        return _arm(name, name, _menagerie(name), {}, mount, **values)
     path = pathlib.Path(folder or ".") / str(values.pop("file"))
-    return _Chain(path.stem, str(path), *_read(path), **values).arm(mount)
+    return _arm(path.stem, str(path), *_read(path), mount, **values)
 
 
 def _library() -> Any:
@@ -135,14 +136,28 @@ def _read(path: pathlib.Path) -> tuple[Any, dict[str, tuple[str, float | None]]]
     return spec, joints
 
 
-class _Chain:
-    """Joints of a described arm from its base to the tip.
+def _arm(
+    name: str,
+    where: str,
+    spec: Any,
+    stated: dict[str, tuple[str, float | None]],
+    mount: dict[str, Any],
+    *,
+    tip: str,
+    base_joint: str | None = None,
+    cable_axis: str = "-y",
+    link_radius: float = LINK_RADIUS,
+    limits: Mapping[str, Any] | None = None,
+    posture: Any = None,
+) -> ArmSerial:
+    """Return a described arm, mounted and with its gripper.
 
     Args:
         name: Name of the arm.
         where: File or robot, for errors.
         spec: MuJoCo specification.
         stated: Type, and speed [rad/s] where it is known, of each joint of a URDF.
+        mount: Mounting and gripper.
         tip: Body or site that is the flange; its z points out of it.
         base_joint: Joint that turns the arm about the vertical; the first where None.
         cable_axis: Axis of the tip along which the cable leaves.
@@ -150,253 +165,253 @@ class _Chain:
         limits: Limits that replace those of the file.
         posture: Posture near which the arm works [rad].
     """
-
-    def __init__(
-        self,
-        name: str,
-        where: str,
-        spec: Any,
-        stated: dict[str, tuple[str, float | None]],
-        *,
-        tip: str,
-        base_joint: str | None = None,
-        cable_axis: str = "-y",
-        link_radius: float = LINK_RADIUS,
-        limits: Mapping[str, Any] | None = None,
-        posture: Any = None,
-    ):
-        self.name, self.where, self.stated = name, where, stated
-        self.link_radius = check_number("arm link_radius", link_radius, 0.005, 0.5, "m")
-        if cable_axis not in _CABLE_AXES:
-            raise InputError(
-                f"arm cable_axis = {str(cable_axis)[:20]!r}: one of {', '.join(_CABLE_AXES)}"
-            )
-        self.turn = np.radians(_CABLE_AXES[cable_axis])
-        self.given = check_keys(
-            limits or {}, {"position", "velocity", "acceleration", "middle"}, "arm limits"
+    link_radius = check_number("arm link_radius", link_radius, 0.005, 0.5, "m")
+    if cable_axis not in _CABLE_AXES:
+        raise InputError(
+            f"arm cable_axis = {str(cable_axis)[:20]!r}: one of {', '.join(_CABLE_AXES)}"
         )
-        self.posture = posture
-        self.mujoco = _library()
-        self.model = self._compiled(spec)
-        self.data = self.mujoco.MjData(self.model)
-        self.tip = self._find_tip(str(tip))
-        self.joints = self._find_joints(base_joint)
-        self.names = tuple(self.model.joint(joint).name for joint in self.joints)
+    given = check_keys(
+        limits or {}, {f.name for f in dataclasses.fields(JointLimits)}, "arm limits"
+    )
+    mujoco = _library()
+    model = _compiled(spec, where)
+    data = mujoco.MjData(model)
+    end, body = _find_tip(model, data, str(tip), where)
+    joints = _find_joints(model, body, base_joint, where)
+    names = tuple(model.joint(joint).name for joint in joints)
+    data.qpos[model.jnt_qposadr[joints]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    frames = [_frame(model, data, joint) for joint in joints]
+    _check_upright(model, data, joints[0], frames[0], where)
+    flange = np.eye(4)
+    flange[:3, :3] = end.xmat.reshape(3, 3)
+    flange[:3, 3] = end.xpos
+    c, s = (f(np.radians(_CABLE_AXES[cable_axis])) for f in (np.cos, np.sin))
+    flange[:3, :2] = flange[:3, :2] @ [[c, -s], [s, c]]
+    frames.append(flange)
+    axis = np.array([*frames[0][:2, 3], 0.0])
+    for frame in frames:
+        frame[:3, 3] -= axis
+    if posture is not None:
+        if not isinstance(posture, list | tuple) or len(posture) != len(names):
+            raise InputError(f"arm posture must be {len(names)} angles")
+        posture = tuple(check_number("arm posture", q, -20.0, 20.0, "rad") for q in posture)
+    steps: list[Any] = [np.linalg.solve(a, b) for a, b in itertools.pairwise(frames)]
+    capsules = [
+        _capsule(_link_points(model, data, joint) - axis, step, frame, link_radius)
+        for joint, step, frame in zip(joints, steps, frames[1:], strict=True)
+    ]
+    return ArmSerial(
+        model=name,
+        names=names,
+        offsets=tuple(_offset(T) for T in (frames[0], *steps)),
+        capsules=tuple(capsules),
+        posture=posture,
+        limits=_limits(model, data, joints, stated, given, where),
+        **mount,
+    )
 
-    def arm(self, mount: dict[str, Any]) -> ArmSerial:
-        """Return the arm, mounted and with its gripper."""
-        model, data = self.model, self.data
-        data.qpos[model.jnt_qposadr[self.joints]] = 0.0
-        self.mujoco.mj_kinematics(model, data)
-        frames = [self._frame(joint) for joint in self.joints]
-        self._check_upright(frames[0])
-        flange = np.eye(4)
-        flange[:3, :3] = self.tip.xmat.reshape(3, 3)
-        flange[:3, 3] = self.tip.xpos
-        c, s = np.cos(self.turn), np.sin(self.turn)
-        flange[:3, :2] = flange[:3, :2] @ [[c, -s], [s, c]]
-        frames.append(flange)
-        self.axis = frames[0][:2, 3].copy()
-        for frame in frames:
-            frame[:2, 3] -= self.axis
-        posture = self.posture
-        if posture is not None:
-            if not isinstance(posture, list | tuple) or len(posture) != len(self.names):
-                raise InputError(f"arm posture must be {len(self.names)} angles")
-            posture = tuple(
-                check_number("arm posture", value, -20.0, 20.0, "rad") for value in posture
-            )
-        steps: list[Any] = [frames[0]]
-        steps += [np.linalg.solve(a, b) for a, b in itertools.pairwise(frames)]
-        return ArmSerial(
-            model=self.name,
-            names=self.names,
-            offsets=tuple(_offset(T) for T in steps),
-            capsules=tuple(
-                self._capsule(*row) for row in zip(self.joints, steps[1:], frames[1:], strict=True)
-            ),
-            posture=posture,
-            limits=self._limits(),
-            **mount,
-        )
 
-    def _compiled(self, spec: Any) -> Any:
-        compiler = spec.compiler
-        # Keep the frames of links that are fixed to others, and forgive what only dynamics needs.
-        compiler.fusestatic, compiler.balanceinertia = False, True
-        compiler.boundmass, compiler.boundinertia = 1e-6, 1e-9
+def _compiled(spec: Any, where: str) -> Any:
+    compiler = spec.compiler
+    # Keep the frames of links that are fixed to others, and forgive what only dynamics needs.
+    compiler.fusestatic, compiler.balanceinertia = False, True
+    compiler.boundmass, compiler.boundinertia = 1e-6, 1e-9
+    try:
+        return spec.compile()
+    except ValueError:
+        # Without the meshes, which may lie elsewhere, the chain is still known.
+        for rows in (spec.geoms, spec.meshes, spec.textures, spec.materials):
+            for row in list(rows):
+                spec.delete(row)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InputError(f"{where}: {' '.join(str(error).split())}") from None
+
+
+def _find_tip(model: Any, data: Any, tip: str, where: str) -> tuple[Any, int]:
+    """Return the frame of the tip, and the body that it belongs to."""
+    for kind in ("body", "site"):
         try:
-            return spec.compile()
-        except ValueError:
-            # Without the meshes, which may lie elsewhere, the chain is still known.
-            for rows in (spec.geoms, spec.meshes, spec.textures, spec.materials):
-                for row in list(rows):
-                    spec.delete(row)
-        try:
-            return spec.compile()
-        except ValueError as error:
-            raise InputError(f"{self.where}: {' '.join(str(error).split())}") from None
+            found = getattr(model, kind)(tip)
+        except KeyError:
+            continue
+        body = found.id if kind == "body" else int(model.site_bodyid[found.id])
+        return getattr(data, kind)(tip), body
+    names = [model.body(i).name for i in range(1, model.nbody)]
+    names += [model.site(i).name for i in range(model.nsite)]
+    raise UnknownNameError(
+        f"{where} has no frame {tip[:40]!r} for the tip; it has {', '.join(names)[:300]}"
+    )
 
-    def _find_tip(self, tip: str) -> Any:
-        for kind in ("body", "site"):
-            try:
-                found = getattr(self.model, kind)(tip)
-            except KeyError:
-                continue
-            self.body = found.id if kind == "body" else int(self.model.site_bodyid[found.id])
-            return getattr(self.data, kind)(tip)
-        names = [self.model.body(i).name for i in range(1, self.model.nbody)]
-        names += [self.model.site(i).name for i in range(self.model.nsite)]
+
+def _find_joints(model: Any, body: int, base_joint: str | None, where: str) -> list[int]:
+    joints: list[int] = []
+    while body:
+        first = int(model.body_jntadr[body])
+        joints[:0] = range(first, first + int(model.body_jntnum[body]))
+        body = int(model.body_parentid[body])
+    names = [model.joint(joint).name for joint in joints]
+    if base_joint is not None and base_joint not in names:
         raise UnknownNameError(
-            f"{self.where} has no frame {tip[:40]!r} for the tip; it has {', '.join(names)[:300]}"
+            f"no joint {str(base_joint)[:40]!r} moves the tip of {where}; these do: "
+            f"{', '.join(names)[:300]}"
+        )
+    if base_joint is not None:
+        joints = joints[names.index(base_joint) :]
+    if not joints:
+        raise InputError(f"no joint of {where} moves the tip")
+    kinds = _library().mjtJoint
+    words = {
+        kinds.mjJNT_SLIDE: "slides",
+        kinds.mjJNT_BALL: "is a ball",
+        kinds.mjJNT_FREE: "is free",
+    }
+    for joint in joints:
+        if (word := words.get(kinds(model.jnt_type[joint]))) is not None:
+            raise InputError(
+                f"joint {model.joint(joint).name!r} of {where} {word}: from the base "
+                "joint to the tip only hinges are supported"
+            )
+    return joints
+
+
+def _frame(model: Any, data: Any, joint: int) -> NDArray[np.float64]:
+    """Return the pose of a joint that turns about z, in the world of the file."""
+    axis = data.xaxis[joint]
+    body = data.xmat[model.jnt_bodyid[joint]].reshape(3, 3)
+    across = body[:, int(np.argmin(np.abs(axis @ body)))]
+    across = across - (across @ axis) * axis
+    frame = np.eye(4)
+    frame[:3, 0] = across / np.linalg.norm(across)
+    frame[:3, 1] = np.cross(axis, frame[:3, 0])
+    frame[:3, 2], frame[:3, 3] = axis, data.xanchor[joint]
+    return frame
+
+
+def _check_upright(
+    model: Any, data: Any, joint: int, base: NDArray[np.float64], where: str
+) -> None:
+    tilt = float(np.hypot(*base[:2, 2]))
+    if tilt > _UPRIGHT:
+        angle = np.degrees(np.arctan2(tilt, abs(base[2, 2])))
+        raise InputError(
+            f"the base axis, joint {model.joint(joint).name!r} of {where}, is tilted by "
+            f"{angle:.1f} deg: only arms that stand upright are supported"
+        )
+    body = int(model.jnt_bodyid[joint])
+    body = int(model.body_parentid[body]) or body
+    if data.xmat[body].reshape(3, 3)[2, 2] < 0.0:
+        raise InputError(
+            f"the base of {where} hangs, its z axis points down: only arms that stand "
+            "upright are supported"
         )
 
-    def _find_joints(self, base_joint: str | None) -> list[int]:
-        model, joints, body = self.model, [], self.body
-        while body:
-            first = int(model.body_jntadr[body])
-            joints[:0] = range(first, first + int(model.body_jntnum[body]))
-            body = int(model.body_parentid[body])
-        names = [model.joint(joint).name for joint in joints]
-        if base_joint is not None and base_joint not in names:
-            raise UnknownNameError(
-                f"no joint {str(base_joint)[:40]!r} moves the tip of {self.where}; these do: "
-                f"{', '.join(names)[:300]}"
-            )
-        if base_joint is not None:
-            joints = joints[names.index(base_joint) :]
-        if not joints:
-            raise InputError(f"no joint of {self.where} moves the tip")
-        kinds = self.mujoco.mjtJoint
-        words = {
-            kinds.mjJNT_SLIDE: "slides",
-            kinds.mjJNT_BALL: "is a ball",
-            kinds.mjJNT_FREE: "is free",
-        }
-        for joint in joints:
-            if (word := words.get(kinds(model.jnt_type[joint]))) is not None:
-                raise InputError(
-                    f"joint {model.joint(joint).name!r} of {self.where} {word}: from the base "
-                    "joint to the tip only hinges are supported"
-                )
-        return joints
 
-    def _frame(self, joint: int) -> NDArray[np.float64]:
-        """Return the pose of a joint that turns about z, in the world of the file."""
-        axis = self.data.xaxis[joint]
-        body = self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
-        across = body[:, int(np.argmin(np.abs(axis @ body)))]
-        across = across - (across @ axis) * axis
-        frame = np.eye(4)
-        frame[:3, 0] = across / np.linalg.norm(across)
-        frame[:3, 1] = np.cross(axis, frame[:3, 0])
-        frame[:3, 2], frame[:3, 3] = axis, self.data.xanchor[joint]
-        return frame
-
-    def _check_upright(self, base: NDArray[np.float64]) -> None:
-        tilt = float(np.hypot(*base[:2, 2]))
-        if tilt > _UPRIGHT:
-            angle = np.degrees(np.arctan2(tilt, abs(base[2, 2])))
+def _limits(
+    model: Any,
+    data: Any,
+    joints: list[int],
+    stated: dict[str, tuple[str, float | None]],
+    given: dict[str, Any],
+    where: str,
+) -> JointLimits:
+    names = [model.joint(joint).name for joint in joints]
+    count, rows = len(joints), {}
+    low, high = np.zeros(count), np.zeros(count)
+    for at, joint in enumerate(joints):
+        low[at], high[at] = model.jnt_range[joint]
+        kind, _ = stated.get(names[at], ("", None))
+        if not model.jnt_limited[joint]:
+            low[at], high[at] = -_RANGE_FREE, _RANGE_FREE
+        if "position" not in given and (kind == "revolute unlimited" or low[at] >= high[at]):
             raise InputError(
-                f"the base axis, joint {self.names[0]!r} of {self.where}, is tilted by "
-                f"{angle:.1f} deg: only arms that stand upright are supported"
+                f"{where} states no range of joint {names[at]!r}: give position for "
+                "all joints under limits in the lab file"
             )
-        body = int(self.model.jnt_bodyid[self.joints[0]])
-        body = int(self.model.body_parentid[body]) or body
-        if self.data.xmat[body].reshape(3, 3)[2, 2] < 0.0:
+    if "position" not in given:
+        rows["position"] = tuple(((high - low) / 2).tolist())
+        rows["middle"] = tuple(((high + low) / 2).tolist())
+    if "velocity" not in given:
+        speeds = [stated.get(name, ("", None))[1] for name in names]
+        if unknown := [n for n, v in zip(names, speeds, strict=True) if not v]:
             raise InputError(
-                f"the base of {self.where} hangs, its z axis points down: only arms that stand "
-                "upright are supported"
+                f"{where} states no speed of joint {unknown[0]!r}: give velocity for all "
+                "joints under limits in the lab file [rad/s]"
             )
+        rows["velocity"] = tuple(cast(list[float], speeds))
+    if "acceleration" not in given:
+        rows["acceleration"] = _accelerations(model, data, joints, low, high)
+    return JointLimits.from_dict(given, count, rows)
 
-    def _limits(self) -> JointLimits:
-        count, rows = len(self.joints), {}
-        low, high = np.zeros(count), np.zeros(count)
-        for at, joint in enumerate(self.joints):
-            low[at], high[at] = self.model.jnt_range[joint]
-            kind, _ = self.stated.get(self.names[at], ("", None))
-            if not self.model.jnt_limited[joint]:
-                low[at], high[at] = -_RANGE_FREE, _RANGE_FREE
-            if "position" not in self.given and (
-                kind == "revolute unlimited" or low[at] >= high[at]
-            ):
-                raise InputError(
-                    f"{self.where} states no range of joint {self.names[at]!r}: give position for "
-                    "all joints under limits in the lab file"
-                )
-        if "position" not in self.given:
-            rows["position"] = tuple(((high - low) / 2).tolist())
-            rows["middle"] = tuple(((high + low) / 2).tolist())
-        if "velocity" not in self.given:
-            speeds = [self.stated.get(name, ("", None))[1] for name in self.names]
-            if unknown := [n for n, v in zip(self.names, speeds, strict=True) if not v]:
-                raise InputError(
-                    f"{self.where} states no speed of joint {unknown[0]!r}: give velocity for all "
-                    "joints under limits in the lab file [rad/s]"
-                )
-            rows["velocity"] = tuple(cast(list[float], speeds))
-        if "acceleration" not in self.given:
-            rows["acceleration"] = self._accelerations(low, high)
-        return JointLimits.from_dict(self.given, count, rows)
 
-    def _accelerations(
-        self, low: NDArray[np.float64], high: NDArray[np.float64]
-    ) -> tuple[float, ...]:
-        """Return what the joints' torques give, where the file tells them, at most ACCELERATION."""
-        model, data = self.model, self.data
-        dofs = model.jnt_dofadr[self.joints]
-        torque = np.full(len(dofs), np.inf)
-        for at, joint in enumerate(self.joints):
-            if model.jnt_actfrclimited[joint]:
-                torque[at] = model.jnt_actfrcrange[joint, 1]
-            for actuator in np.flatnonzero(model.actuator_trnid[:, 0] == joint):
-                if model.actuator_forcelimited[actuator]:
-                    torque[at] = model.actuator_forcerange[actuator, 1]
-        model.opt.disableflags |= self.mujoco.mjtDisableBit.mjDSBL_CONTACT
-        mass, rng = np.zeros((model.nv, model.nv)), np.random.default_rng(0)
-        found = np.empty((_POSE_COUNT, len(dofs)))
-        for pose in found:
-            data.qpos[model.jnt_qposadr[self.joints]] = rng.uniform(low, high)
-            self.mujoco.mj_forward(model, data)
-            self.mujoco.mj_fullM(model, data, mass)
-            pose[:] = (TORQUE_SHARE * torque - np.abs(data.qfrc_bias[dofs])) / np.diag(mass)[dofs]
-        least = np.quantile(np.clip(found, 1.0, ACCELERATION), 0.1, axis=0)
-        return tuple(least.tolist())
+def _accelerations(
+    model: Any,
+    data: Any,
+    joints: list[int],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> tuple[float, ...]:
+    """Return what the joints' torques give, where the file tells them, at most ACCELERATION."""
+    mujoco = _library()
+    dofs = model.jnt_dofadr[joints]
+    torque = np.full(len(dofs), np.inf)
+    for at, joint in enumerate(joints):
+        if model.jnt_actfrclimited[joint]:
+            torque[at] = model.jnt_actfrcrange[joint, 1]
+        for actuator in np.flatnonzero(model.actuator_trnid[:, 0] == joint):
+            if model.actuator_forcelimited[actuator]:
+                torque[at] = model.actuator_forcerange[actuator, 1]
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    mass, rng = np.zeros((model.nv, model.nv)), np.random.default_rng(0)
+    found = np.empty((_POSE_COUNT, len(dofs)))
+    for pose in found:
+        data.qpos[model.jnt_qposadr[joints]] = rng.uniform(low, high)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, mass)
+        pose[:] = (TORQUE_SHARE * torque - np.abs(data.qfrc_bias[dofs])) / np.diag(mass)[dofs]
+    least = np.quantile(np.clip(found, 1.0, ACCELERATION), 0.1, axis=0)
+    return tuple(least.tolist())
 
-    def _capsule(
-        self, joint: int, step: NDArray[np.float64], frame: NDArray[np.float64]
-    ) -> tuple[float, ...]:
-        """Return a capsule about the link that a joint moves, in the frame at the link's end.
 
-        It follows the geometry of the file along its longest direction; without geometry it reaches
-        from joint to joint.
-        """
-        model = self.model
-        owned = model.body_weldid[model.geom_bodyid] == model.jnt_bodyid[joint]
-        points = [self._points(geom) for geom in np.flatnonzero(owned)]
-        if not points:
-            return (*(-step[:3, :3].T @ step[:3, 3]).tolist(), 0.0, 0.0, 0.0, self.link_radius)
-        points = np.concatenate(points) - [*self.axis, 0.0]
-        points = (points - frame[:3, 3]) @ frame[:3, :3]
-        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        way = np.linalg.svd(points - middle, full_matrices=False)[2][0]
-        along = (points - middle) @ way
-        off = np.linalg.norm(points - middle - along[:, None] * way, axis=1)
-        radius = float(np.quantile(off, 0.9))
-        low, high = along.min() + radius, max(along.max() - radius, along.min() + radius)
-        return (*(middle + low * way).tolist(), *(middle + high * way).tolist(), radius)
+def _capsule(
+    points: NDArray[np.float64],
+    step: NDArray[np.float64],
+    frame: NDArray[np.float64],
+    link_radius: float,
+) -> tuple[float, ...]:
+    """Return a capsule about a link, in the frame at its end.
 
-    def _points(self, geom: Any) -> NDArray[np.float64]:
-        """Return points on the surface of a geometry in the world of the file [m]."""
-        model = self.model
-        if model.geom_type[geom] == self.mujoco.mjtGeom.mjGEOM_MESH:
+    It follows the points on the link's surface along their longest direction; without points it
+    reaches from joint to joint.
+    """
+    if not len(points):
+        return (*(-step[:3, :3].T @ step[:3, 3]).tolist(), 0.0, 0.0, 0.0, link_radius)
+    points = (points - frame[:3, 3]) @ frame[:3, :3]
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    way = np.linalg.svd(points - middle, full_matrices=False)[2][0]
+    along = (points - middle) @ way
+    off = np.linalg.norm(points - middle - along[:, None] * way, axis=1)
+    radius = float(np.quantile(off, 0.9))
+    low, high = along.min() + radius, max(along.max() - radius, along.min() + radius)
+    return (*(middle + low * way).tolist(), *(middle + high * way).tolist(), radius)
+
+
+def _link_points(model: Any, data: Any, joint: int) -> NDArray[np.float64]:
+    """Return points on the surface of the link that a joint moves, in the world [m], [point, 3]."""
+    owned = model.body_weldid[model.geom_bodyid] == model.jnt_bodyid[joint]
+    found = [np.empty((0, 3))]
+    for geom in np.flatnonzero(owned):
+        if model.geom_type[geom] == _library().mjtGeom.mjGEOM_MESH:
             mesh = model.geom_dataid[geom]
             first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
             points = model.mesh_vert[first : first + count]
         else:
             middle, half = np.split(model.geom_aabb[geom], 2)
             points = middle + np.concatenate([np.diag(half), -np.diag(half)])
-        return points @ self.data.geom_xmat[geom].reshape(3, 3).T + self.data.geom_xpos[geom]
+        found.append(points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
+    return np.concatenate(found)
 
 
 def _offset(T: NDArray[np.float64]) -> tuple[float, ...]:
