@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks.result import Table
+from benchmarks.result import Table, plain
 from cablecast.aiming.session import SimulatorConfig
 from cablecast.arm.ur import ARM_MODELS
 from cablecast.cable import KIND_NAMES
@@ -195,7 +195,7 @@ def labs(args: LabsArgs) -> Iterator[Table]:
                     f"{len(found)} of {args.count} laboratories are done: the same command goes on"
                 )
                 break
-            write_json(path, play(args, seed))
+            write_json(path, plain(play(args, seed)))
         found.append(read_json(path))
     yield outcomes(found)
     yield refusals(found)
