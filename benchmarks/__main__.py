@@ -77,6 +77,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     ),
     "page": ("page:main", ("view",), "latencies, memory and frames of the page of `view`"),
     "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),
+    "faults": ("faults:main", ("rigs/ur",), "faults of robot, camera and cable in every phase"),
     "effects": ("effects:effects", LABORATORY, "shift of landings by each effect of version 5"),
     "laboratory": (
         "laboratory:main",
@@ -136,6 +137,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     ),
     "effects": ("effects --count 10", 0.3),
     "validation": ("validation", 0.2),
+    "faults": ("faults", 1.5),
     "swing": ("swing", 0.01),
     "order": ("order", 0.01),
     "stability-materials": ("stability --materials --share 0.02", 0.05),

@@ -1,7 +1,7 @@
-"""Try every fault of the robot in every phase of a trial, and write what came of it.
+"""Try every fault of the robot in every phase of a trial, and yield what came of it.
 
-    python tools/make_fault_table.py --out docs/faults.md
-    python tools/make_fault_table.py --generations e-series --faults protective_stop --phases cast
+    python -m benchmarks faults
+    python -m benchmarks faults --generations e-series --faults protective_stop --phases cast
 
 What was tried is kept in a file, so that the command goes on where it was stopped.
 
@@ -11,7 +11,6 @@ hours. For the same reason the arm holds a stick, except where the cable fails. 
 fails, its stream is filmed and tracked as in any session; otherwise the twin reports the truth.
 """
 
-import argparse
 import contextlib
 import dataclasses
 import json
@@ -24,6 +23,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from benchmarks.result import Table
 from cablecast.data.dataset import read_dataset
 from cablecast.data.record import collect_dataset
 from cablecast.errors import CablecastError
@@ -207,37 +207,36 @@ def cell(outcome: Outcome) -> str:
     return f"{words}{rest}; {'resumed' if outcome.resumed else '**not resumed**'}"
 
 
-def table(cells: dict[str, str], generation: str, faults: list[str], phases: list[str]) -> str:
-    """Return the table of one generation."""
-    rows = [
-        f"| `{fault}`: {FAULTS[fault]} | "
-        + " | ".join(cells.get(f"{generation} {fault} {phase}", "–") for phase in phases)
-        + " |"
-        for fault in faults
-    ]
-    return "\n".join([f"| fault | {' | '.join(phases)} |", "|---" * (1 + len(phases)) + "|", *rows])
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Args:
+    """Faults of the robot, the camera and the cable, in every phase.
+
+    Attributes:
+        generations: Generations of controllers.
+        faults: Faults; all of a generation where none is given.
+        phases: Phases of a trial.
+        rate: Largest speed of the clock.
+        address: Loopback address of the twin.
+        only_kept: Try nothing more; a dash for what is missing.
+        out: File that keeps what was tried, so that a stopped run goes on.
+    """
+
+    generations: tuple[str, ...] = ("cb3", "e-series")
+    faults: tuple[str, ...] = ()
+    phases: tuple[str, ...] = PHASES
+    rate: float = 1.0
+    address: str = "127.9.0.1"
+    only_kept: bool = False
+    out: pathlib.Path = pathlib.Path("build/faults.json")
 
 
-def main() -> None:
-    """Try faults in phases, and print or write the table."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--generations", nargs="+", default=list(ARMS), choices=ARMS)
-    parser.add_argument("--faults", nargs="+", default=list(FAULTS), choices=FAULTS)
-    parser.add_argument("--phases", nargs="+", default=list(PHASES), choices=PHASES)
-    parser.add_argument("--rate", type=float, default=1.0, help="largest speed of the clock")
-    parser.add_argument("--address", default="127.9.0.1", help="loopback address of the twin")
-    parser.add_argument(
-        "--only-kept", action="store_true", help="try nothing more; a dash for what is missing"
-    )
-    parser.add_argument("--kept", type=pathlib.Path, default=pathlib.Path("build/faults.json"))
-    parser.add_argument("--out", type=pathlib.Path, help="file to write; printed by default")
-    args = parser.parse_args()
-    args.kept.parent.mkdir(parents=True, exist_ok=True)
-    cells = json.loads(args.kept.read_text()) if args.kept.is_file() else {}
+def main(args: Args) -> Iterator[Table]:
+    """Try faults in phases, and yield a table of each generation."""
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    cells = json.loads(args.out.read_text()) if args.out.is_file() else {}
     lab = load_setup(ROOT / "examples" / "twin.yaml")
-    tables = []
     for generation in args.generations:
-        faults = [fault for fault in args.faults if fault in faults_of(generation)]
+        faults = [fault for fault in args.faults or FAULTS if fault in faults_of(generation)]
         for part in ("robot", "camera", "cable"):
             due = [
                 (fault, phase)
@@ -251,33 +250,12 @@ def main() -> None:
                 for fault, phase in due:
                     outcome = try_fault(twin, setup, fault, phase)
                     cells[f"{generation} {fault} {phase}"] = cell(outcome)
-                    args.kept.write_text(json.dumps(cells, indent=1))
+                    args.out.write_text(json.dumps(cells, indent=1))
                     print(f"{fault} in {phase}: {outcome}", file=sys.stderr, flush=True)
-        shown = [f for f in faults if any(f"{generation} {f} {p}" in cells for p in args.phases)]
-        if shown:
-            tables.append(f"## {generation}\n\n{table(cells, generation, shown, args.phases)}")
-    text = "\n\n".join(tables)
-    if args.out is None:
-        print(text)
-        return
-    args.out.write_text(
-        f"""# Faults of the robot, in every phase
-
-Each cell is one session of the real arm's code against the twin, through its sockets: one cast, or
-two where camera or cable fail, with the fault in the first and at most two attempts at each; then a
-person clears the fault, and the same command is given again. "Resumed" means that it finished, and
-that the dataset is whole. "At rest" is by the twin's clock, for faults after which the arm must
-stop; after a fault of camera or cable the arm finishes its motion, which was checked. The reset
-only lifts the cable and sets it down. The arm holds a stick except where the cable fails, and the
-twin reports the true landing except where the camera fails. There is a table for each generation of
-controllers; a row is missing where a fault was not tried on it, and a dash stands where the command
-was stopped before it came so far.
-Written by `python tools/make_fault_table.py --out docs/faults.md`.
-
-{text}
-"""
-    )
-
-
-if __name__ == "__main__":
-    main()
+        rows = [
+            (f"`{fault}`: {FAULTS[fault]}", *tried)
+            for fault in faults
+            if set(tried := [cells.get(f"{generation} {fault} {p}", "–") for p in args.phases])
+            != {"–"}
+        ]
+        yield Table(generation, ("fault", *args.phases), rows)
