@@ -1,5 +1,6 @@
 """Order and fixtures of all tests."""
 
+import inspect
 import os
 import signal
 
@@ -39,8 +40,10 @@ def make_engines_coarse():
     """
     from cablecast.engines.warp_.engine import EngineWarp
 
-    coarse = (10, 2e-3, *EngineWarp.__init__.__defaults__[2:])
-    return lambda patch: patch.setattr(EngineWarp.__init__, "__defaults__", coarse)
+    # Behind the check of its arguments.
+    build = inspect.unwrap(EngineWarp.__init__)
+    coarse = (10, 2e-3, *build.__defaults__[2:])
+    return lambda patch: patch.setattr(build, "__defaults__", coarse)
 
 
 @pytest.fixture

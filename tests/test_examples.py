@@ -78,12 +78,7 @@ def run_example(name, out):
             budget = dict(BUDGETS.get(name, {}))
             if name == FILMS:
                 make_films(["hand", str(out / "films"), "--count", "2", "--rate", "20"])
-                search = TuneConfig(
-                    population_size=6,
-                    fine_population_size=6,
-                    coarse_generations=1,
-                    fine_generations=1,
-                )
+                search = TuneConfig(population_size=6, generations=2)
                 budget = {"films": out / "films", "config": search}
             takes_out = "out" in inspect.signature(module.main).parameters
             module.main(**({"out": out} if takes_out else {}), **budget)

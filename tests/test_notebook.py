@@ -10,13 +10,13 @@ from tools.make_notebook import NOTEBOOK, content
 # The first cell with code, on a budget that teaches nothing.
 TINY = (
     "TUNE_CASTS, REAL_CASTS, SIMULATED_CASTS, TARGETS = 4, 32, 100, 1\n"
-    "GENERATIONS, EPOCHS, CANDIDATES = (1, 1), 2, 200\n"
+    "GENERATIONS, EPOCHS, CANDIDATES = 2, 2, 200\n"
     # A coarse cable, if not told otherwise.
     "import cablecast as cc\n"
-    "build = cc.EngineWarp.__init__\n"
+    "build = cc.EngineWarp.__init__.__wrapped__\n"
     "build.__defaults__ = (10, 2e-3, *build.__defaults__[2:])\n"
 )
-FEW = "cc.TuneConfig(population_size=6, fine_population_size=6, "
+FEW = "cc.TuneConfig(population_size=6, "
 
 
 def test_the_notebook_is_made_of_the_pages_as_they_are():

@@ -116,12 +116,13 @@ def run_job(job: Job) -> int:
 
     budget = Budget(
         cables=("cable_1", "cable_2"),
-        tune_trials=6,
+        tune_casts=4,
+        more_casts=1,
+        validation_casts=1,
         real_trials=24,
         grid=3,
         grid_psi=2,
-        coarse_generations=1,
-        fine_generations=1,
+        generations=2,
         repeat_actions=2,
         repeat_casts=2,
         casts=120,

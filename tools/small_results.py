@@ -53,8 +53,7 @@ SMALL: dict[str, tuple[str, ...]] = {
     "repeat": (*STICK, "--action-count", "3", "--repeats", "3", "--out", "runs/repeat"),
     "tune": (
         *("--dataset", "runs/tune-data", "--method", "de"),
-        *("--population-size", "6", "--fine-population-size", "6"),
-        *("--coarse-generations", "2", "--fine-generations", "1", *COARSE, "--out", "runs/tune"),
+        *("--population-size", "6", "--generations", "3", *COARSE, "--out", "runs/tune"),
     ),
     "select": ("--grid", "3", "--grid-psi", "3", "--repeat", "runs/repeat", "--out", "runs/select"),
     "simulate": (*("--params", "runs/tune", "--count", "120", *COARSE, "--out", "runs/dataset"),),

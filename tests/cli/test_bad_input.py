@@ -86,8 +86,8 @@ def test_a_number_of_a_verb_that_reads_casts_is_refused_by_name(
     tables = {
         "train": [("seed", "-1"), ("epochs", HUGE[0]), ("candidate-count", HUGE[2])],
         "tune": [
-            *[("seed", "-1"), ("population-size", HUGE[0]), ("coarse-generations", HUGE[1])],
-            *[("fine-generations", "0"), ("validation-count", HUGE[2]), ("dt", "nan")],
+            *[("seed", "-1"), ("population-size", HUGE[0]), ("generations", HUGE[1])],
+            *[("generations", "0"), ("validation-count", HUGE[2]), ("dt", "nan")],
         ],
     }
     for name, value in tables[verb]:

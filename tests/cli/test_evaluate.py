@@ -47,7 +47,7 @@ def test_an_evaluation_leaves_metrics_trials_a_map_and_a_report(evaluated):
     folder, _ = evaluated
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["trial_count"] == 32
-    assert metrics["rig"]["engine"] == "EngineWarp"
+    assert metrics["rig"]["engine"]["class"] == "EngineWarp"
     with open(folder / "trials.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 32
@@ -58,7 +58,7 @@ def test_an_evaluation_leaves_metrics_trials_a_map_and_a_report(evaluated):
 
 def test_the_engine_rig_simulates_as_the_dataset_was_simulated(evaluated):
     folder, _ = evaluated
-    assert json.loads((folder / "metrics.json").read_text())["rig"]["segment_count"] == 10
+    assert json.loads((folder / "metrics.json").read_text())["rig"]["engine"]["segment_count"] == 10
 
 
 def test_a_run_folder_says_what_ran_and_with_which_versions(evaluated):

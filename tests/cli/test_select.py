@@ -23,7 +23,7 @@ def write_repeatability(folder, scatters_pct, cable="cable_1"):
             "r0": 0.6,
             "v_max": v_max,
             "with_psi": with_psi,
-            "scatter_pct": scatter_pct,
+            "distance_sd_pct": scatter_pct,
             "off_table_share": 0.0,
         }
         for (v_max, with_psi), scatter_pct in scatters_pct.items()

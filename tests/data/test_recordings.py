@@ -94,7 +94,7 @@ def test_tracks_and_motions_are_those_that_were_recorded(casts, tmp_path, motion
 
 def test_imported_casts_of_a_hand_tune_the_simulator(casts, tmp_path):
     table = write_table(table_of(casts, "grip"), tmp_path / "table.csv")
-    config = TuneConfig(coarse_generations=1, fine_generations=1)
+    config = TuneConfig(generations=2)
     imported = import_casts(table, SETUP)
     tuned = tune(imported, config=config, segment_count=10, dt=2e-3)
     assert tuned.dynamics.servo is None

@@ -14,7 +14,8 @@ from stick_engine import CABLE, COUNT, SETUP, SHARD_ROWS, StickEngine, simulate
 from cablecast.cable import load_cable
 from cablecast.cast import TrialStatus
 from cablecast.data.dataset import read_dataset
-from cablecast.data.simulate import SAMPLE_DT, engine_settings
+from cablecast.data.simulate import SAMPLE_DT
+from cablecast.engines.base import engine_settings
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import DatasetError, InputError
 from cablecast.motion.action import ActionRanges

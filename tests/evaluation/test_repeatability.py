@@ -77,6 +77,13 @@ def measured(tmp_path_factory):
     )
 
 
+def test_the_two_readings_of_repeatability_are_the_rms_and_the_deviation_of_the_distance():
+    result = scatter_of([[0.0, 1.0], [0.0, 1.2], [0.03, 1.1], [-0.03, 1.1]])
+    distances = [0.1, 0.1, 0.03, 0.03]
+    assert result.scatter == pytest.approx(np.sqrt(np.mean(np.square(distances))))
+    assert result.distance_sd == pytest.approx(np.std(distances))
+
+
 def test_the_scatter_is_the_standard_deviation_about_the_mean_over_both_directions():
     square = scatter_of([[0.01, 1.0], [-0.01, 1.0], [0.0, 1.01], [0.0, 0.99]])
     assert square.scatter == pytest.approx(0.01)
@@ -125,6 +132,8 @@ def test_the_paper_s_mean_runs_over_actions_not_over_casts():
         actions=(scatter_of(wide), scatter_of(narrow), scatter_of(np.empty((0, 2)), ["off_table"])),
     )
     assert result.scatter_pct == pytest.approx(100 * 0.02 / CABLE.length / 2)
+    # By the paper's words, two landings as far from their mean have no scatter.
+    assert result.distance_sd_pct == pytest.approx(0.0)
     # Of two values the standard error of the mean is half their difference.
     assert result.scatter_standard_error_pct == pytest.approx(result.scatter_pct)
     assert np.isnan(result.scatters_pct[2])

@@ -194,3 +194,28 @@ def test_the_set_up_of_a_policy_is_that_of_its_model(policy):
 def test_settings_out_of_bounds_are_refused(options, words):
     with pytest.raises(InputError, match=words):
         ForwardSearchPolicy.build(linear_model(), **{"candidate_count": 50} | options)
+
+
+def test_equation_1_takes_the_nearest_of_all_candidates_and_changes_nothing():
+    model = linear_model()
+    policy = ForwardSearchPolicy.build(model, 300, table_margin=0.05)
+    paper = policy.by("paper")
+    assert len(paper.actions) == 300 > len(policy.actions)
+    target = np.array([0.35, 1.1])
+    for side in (1.0, -1.0):
+        plan = paper.plan(target * [side, 1.0])
+        away = np.linalg.norm(model.predict(paper.actions) - target, axis=1)
+        # Several candidates of this model may be equally near.
+        is_one = np.all(paper.actions == mirror_actions(plan.actions, side), axis=1)
+        assert np.any(is_one & (away < away.min() + 1e-12))
+        assert plan.miss_pct[0] == pytest.approx(100.0 * away.min() / paper.setup.cable.length)
+    assert paper.by("paper") is paper
+    assert policy.by("refined") is policy
+    assert paper.info["name"] == "equation 1"
+
+
+def test_an_unknown_method_and_candidates_that_nobody_drew_are_refused(policy):
+    with pytest.raises(InputError, match="must be refined or paper"):
+        policy.by("best")
+    with pytest.raises(InputError, match="has drawn"):
+        policy.by("paper")

@@ -11,9 +11,7 @@ from cablecast.motion.trajectory import plan_trajectory
 pytest.importorskip("mujoco")
 
 LAB = pathlib.Path(__file__).parents[2] / "examples/lab_ur5e.yaml"
-SEARCH = cc.TuneConfig(
-    population_size=6, fine_population_size=4, coarse_generations=1, fine_generations=1
-)
+SEARCH = cc.TuneConfig(population_size=6, generations=2)
 # The servo of the virtual arm trails its set points by some 50 ms; the reported pose of the
 # gripper then lies some centimetres behind the commanded one [m].
 LAG_DISTANCE = 0.15

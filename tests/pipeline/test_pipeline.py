@@ -12,9 +12,7 @@ from cablecast.rigs.engine import RigEngine
 SETUP = cc.Setup()
 # A coarse cable and few casts: enough to run, not to be good.
 COARSE = {"segment_count": 10, "dt": 0.002}
-SEARCH = cc.TuneConfig(
-    population_size=4, fine_population_size=4, coarse_generations=1, fine_generations=1
-)
+SEARCH = cc.TuneConfig(population_size=4, generations=2)
 TARGETS = cc.load_targets()[::8]
 
 

@@ -16,12 +16,13 @@ pytest.importorskip("torch")
 
 TINY = Budget(
     cables=("cable_1", "cable_2"),
-    tune_trials=6,
+    tune_casts=4,
+    more_casts=1,
+    validation_casts=1,
     real_trials=24,
     grid=3,
     grid_psi=3,
-    coarse_generations=1,
-    fine_generations=1,
+    generations=2,
     repeat_actions=2,
     repeat_casts=2,
     casts=60,
@@ -46,7 +47,7 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
     few = load_targets()[:: TARGET_COUNT // FEW_TARGETS]
     monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
     monkeypatch.setattr("cablecast.pipeline.reproduce.load_targets", lambda: few)
-    search = functools.partial(TuneConfig, population_size=6, fine_population_size=6)
+    search = functools.partial(TuneConfig, population_size=6)
     monkeypatch.setattr("cablecast.pipeline.reproduce.TuneConfig", search)
     # The pages of the single evaluations are made, but their figures are not rendered.
     monkeypatch.setattr("cablecast.report.page.svg_uri", lambda figure: "data:,")
@@ -77,7 +78,13 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
 
     first, second = (reproduced.metrics["evaluations"][cable] for cable in TINY.cables)
     assert set(first) == set(METHODS)
-    assert set(second) == {"fine-tuning"}
+    assert set(second) == {"fine-tuning", "ours"}
+    rules = {
+        name: json.loads((tmp_path / f"cable_1/evaluate-{name}/config.json").read_text())
+        for name in ("fine-tuning", "ours")
+    }
+    names = {name: config["settings"]["policy"]["name"] for name, config in rules.items()}
+    assert names == {"fine-tuning": "equation 1", "ours": "forward search"}
     for values in first.values():
         assert values["trial_count"] == FEW_TARGETS
     chosen = json.loads((tmp_path / "cable_1/select/metrics.json").read_text())["choice"]

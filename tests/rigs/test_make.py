@@ -83,7 +83,10 @@ def user_folder(tmp_path, monkeypatch):
     [
         (
             "robot",
-            ["'robot'", "virtual, virtual:4, virtual:5, engine, ur, or"],
+            [
+                "'robot'",
+                "virtual, virtual:4, virtual:5, virtual:5:LAB, engine, engine:NAME, ur, or",
+            ],
         ),
         (":make", ["':make'"]),
         ("no_such_package.rig:make", ["no module 'no_such_package'"]),

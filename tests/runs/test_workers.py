@@ -59,9 +59,7 @@ def test_verbs_that_simulate_hand_their_worlds_to_the_workers(tmp_path, monkeypa
     pytest.importorskip("ray")
     with make_rig(RigEngine(coarse_engine(), SETUP), SETUP) as rig:
         casts = collect(rig, count=4)
-    search = TuneConfig(
-        population_size=6, fine_population_size=6, coarse_generations=1, fine_generations=1
-    )
+    search = TuneConfig(population_size=6, generations=2)
     options = {"config": search, "validation_count": 1, "segment_count": 10, "dt": 2e-3}
     spread, alone = (tune(casts, workers=who, **options) for who in ("ray", "local"))
     assert set(asked) == {"ray"}

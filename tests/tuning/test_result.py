@@ -26,14 +26,12 @@ CABLE = load_cable("cable_1")
 SETUP = Setup(cable=CABLE)
 PARAMS = CABLE.params.to_dict()
 SERVO = ServoModel(delay=np.full(6, 0.01), frequency=np.full(6, 50.0), damping=np.full(6, 0.8))
-LITTLE = TuneConfig(
-    population_size=4, coarse_generations=1, fine_population_size=4, fine_generations=1
-)
+LITTLE = TuneConfig(population_size=4, generations=2)
 
 
 @pytest.fixture
 def result(cable, good, engine):
-    return tune_params(cable, *split_tracks(good), engine, engine, LITTLE)
+    return tune_params(cable, *split_tracks(good), engine, LITTLE)
 
 
 @pytest.fixture

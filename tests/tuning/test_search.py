@@ -78,13 +78,13 @@ def test_the_starting_point_is_among_the_first_candidates():
     np.testing.assert_array_equal(SearchDE(START, 12, 0).ask()[0], START)
 
 
-def test_shrinking_keeps_the_best():
-    search, _ = run(10)
-    best = np.sort(search.losses)[:7]
-    search.shrink(7)
-    np.testing.assert_array_equal(np.sort(search.losses), best)
-    np.testing.assert_array_equal(search.losses, bowl(search.population))
-    assert search.ask().shape == (7, DIMENSION)
+def test_a_search_has_converged_where_scipys_would_stop():
+    search, _ = run(1)
+    assert not search.converged
+    search.losses = 2.0 + np.array([0.0, 0.04])
+    assert search.converged
+    search.losses = 2.0 + np.array([0.0, 0.05])
+    assert not search.converged
 
 
 def test_a_latin_hypercube_has_one_point_in_each_interval():

@@ -16,9 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.data.simulate import engine_settings
 from cablecast.engines import make_engine
-from cablecast.engines.base import Engine
+from cablecast.engines.base import Engine, engine_settings
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError
 from cablecast.files import core_count, write_bytes

@@ -7,7 +7,8 @@ import typing
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cablecast.cli.options import Device, TimeLimit, argument
+from cablecast.cli.options import Device, Method, TimeLimit, argument
+from cablecast.engines import EngineName
 
 if TYPE_CHECKING:
     from cablecast.learning.policy import Policy
@@ -33,19 +34,21 @@ class Evaluate:
     policy: typing.Literal["model", "polar"] = "model"
     """Policy that plans the motions: the model, or polar casting (a swing straight out and a slow
     pull), which needs no model."""
+    method: Method = "refined"
     rig: Annotated[str, argument("RIG")] = "virtual"
     """Rig that makes the casts: virtual (a laboratory in software, whose cable differs from the
-    model's), engine (the simulator of the model's training casts), or your own robot as
-    package.module:factory."""
+    model's), engine (a simulator), or your own robot as package.module:factory."""
+    engine: Annotated[EngineName | None, argument("NAME", "that of the model's casts")] = None
+    """Simulator of --rig engine: warp, mujoco or pybullet."""
     repeats: int = 1
     """Casts at each target; the paper makes 5."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/evaluate-RIG")] = None
-    """Folder of the results; with --policy polar by default runs/CABLE/evaluate-polar-RIG."""
+    """Folder of the results; by default runs/CABLE/evaluate-polar-RIG with --policy polar, and
+    runs/CABLE/evaluate-paper-RIG with --method paper."""
     seed: int = 0
     """Seed of the virtual rig."""
     device: Device = "cpu"
-    """Device of the simulator, which separates the causes of the errors and is the rig with --rig
-    engine."""
+    """Device of the simulator, which separates the causes of the errors, too."""
     time_limit: TimeLimit = 120.0
 
     def run(self) -> None:
@@ -64,6 +67,7 @@ class Evaluate:
         policy = self._policy()
         cable = policy.setup.cable
         verb = "evaluate" if self.policy == "model" else f"evaluate-{self.policy}"
+        verb += "-paper" * (self.method == "paper")
         out = self.out or cable_folder(cable.name) / rig_folder(verb, self.rig)
         model = policy.model if isinstance(policy, ForwardSearchPolicy) else None
         check_evaluate(model, repeats=self.repeats, device=self.device, out=out)
@@ -72,6 +76,7 @@ class Evaluate:
                 policy,
                 rig,
                 repeats=self.repeats,
+                method=self.method,
                 device=self.device,
                 out=out,
                 progress=progress,
@@ -101,15 +106,19 @@ class Evaluate:
     def _rig(self, policy: "Policy", out: pathlib.Path) -> "Iterator[CheckedRig]":
         """Yield the rig; "engine" is the simulator of the model's training casts."""
         from cablecast.cli.options import open_rig, with_instruments
+        from cablecast.errors import InputError
         from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.evaluate import engine_rig
 
         if self.rig == "engine" and isinstance(policy, ForwardSearchPolicy):
-            with engine_rig(policy.model, self.device) as rig:
+            with engine_rig(policy.model, self.device, self.engine) as rig:
                 yield rig
             return
+        if self.engine is not None and self.rig != "engine":
+            raise InputError(f"--engine {self.engine} is the simulator of --rig engine")
+        spec = f"engine:{self.engine}" if self.engine is not None else self.rig
         setup = with_instruments(policy.setup, self.setup)
-        with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
+        with open_rig(spec, setup, self.seed, out, self.time_limit) as rig:
             yield rig
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from cablecast.engines import EngineName
 from cablecast.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,6 +21,21 @@ if TYPE_CHECKING:
     from cablecast.setup import Setup
 
 Device = typing.Literal["cpu", "cuda"]
+Engine = Annotated[
+    EngineName,
+    tyro.conf.arg(
+        help="Simulator: warp (the fast one), mujoco or pybullet (the paper's; a cast takes a "
+        "second of a core)."
+    ),
+]
+
+Method = Annotated[
+    typing.Literal["refined", "paper"],
+    tyro.conf.arg(
+        help="How a motion is chosen with the model: refined, or the paper's equation 1 alone, the "
+        "candidate whose predicted landing is nearest."
+    ),
+]
 
 TIME_LIMIT_MIN, TIME_LIMIT_MAX = 0.01, 1e6
 
@@ -91,7 +107,7 @@ RigName = Annotated[
     argument(
         "RIG",
         text="Rig that makes the casts: virtual (a laboratory in software; virtual:4, its version "
-        "before), engine (the simulator), ur (an arm), or your own robot as "
+        "before), engine or engine:NAME (a simulator), ur (an arm), or your own robot as "
         "package.module:factory.",
     ),
 ]

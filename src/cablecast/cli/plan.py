@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
-from cablecast.cli.options import TargetOptions, argument
+from cablecast.cli.options import Method, TargetOptions, argument
 
 if TYPE_CHECKING:
     from cablecast.learning.policy import Plan
@@ -28,6 +28,7 @@ class PlanVerb(TargetOptions):
     """Cable in the gripper: cable_1, cable_2, cable_3, or a YAML file that describes your own."""
     model: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/model")] = None
     """Folder that `cablecast train` wrote."""
+    method: Method = "refined"
     miss_max: Annotated[float, argument("PCT")] = 25.0
     """Largest predicted miss in % of cable length that still gives exit status 0."""
     save: Annotated[pathlib.Path | None, argument("FILE", "not saved")] = None
@@ -60,7 +61,8 @@ class PlanVerb(TargetOptions):
         policy = ForwardSearchPolicy.load(folder)
         check_same_setup(self.setup, self.cable, policy.setup, folder)
         policy = policy.in_lab(with_instruments(policy.setup, self.setup))
-        plan = plan_motion(policy, target_xy=self.targets(policy.setup, most=1)[0])
+        target_xy = self.targets(policy.setup, most=1)[0]
+        plan = plan_motion(policy, target_xy=target_xy, method=self.method)
         path = plan.trajectories[0].joint_path
         if path is None:
             raise InputError("the planned motion has no joint path")

@@ -94,7 +94,7 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
 
     title = "Scatter of equal casts, in % of cable length"
     caption = "The paper's figures are those of cable 1 on a real UR5."
-    heads = ("v_max", "casts", "scatter", "paper", "off table", "paper", "along arc")
+    heads = ("v_max", "casts", "rms", "sd", "paper", "off table", "paper", "along arc")
     table = tables.make_table(title, *heads, caption=caption)
     for values in combinations:
         published = published_candidate(values["v_max"], values["with_psi"])
@@ -103,6 +103,7 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
             f"{values['v_max']:g}{' with psi' if values['with_psi'] else ''}",
             str(values["cast_count"]),
             f"{pct(values['scatter_pct'], 2)} ± {pct(values['scatter_standard_error_pct'], 2)}",
+            pct(values["distance_sd_pct"], 2),
             pct(None if published is None else published.scatter_pct, 2),
             share_pct(values["off_table_share"]),
             share_pct(off_table),
@@ -110,8 +111,8 @@ def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
         )
     tables.print_table(
         table,
-        f"Casts on the {rig} rig. Scatter: standard deviation about the mean landing of an action, "
-        "averaged over actions, with the standard error of that average; casts off the table are "
-        "left out. Along arc: its share across the direction from the robot, 50 % where it is "
-        "round.",
+        f"Casts on the {rig} rig. rms and sd: root mean square and, in the paper's words, standard "
+        "deviation of the distance to the mean landing of an action, averaged over actions, the "
+        "first with the standard error of that average; casts off the table are left out. Along "
+        "arc: its share across the direction from the robot, 50 % where it is round.",
     )

@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from typing import Annotated
 
-from cablecast.cli.options import Device, LabFile, RigName, Workers, argument
+from cablecast.cli.options import Device, Engine, LabFile, RigName, Workers, argument
 
 EXIT_OTHER_ORDER = 3
 
@@ -16,18 +16,20 @@ class Reproduce:
     For each cable: cast on the rig, tune the simulator, choose the system parameters, simulate,
     cast again, train, and evaluate every method at the 32 targets. Prints the median error of each
     method; the exit status is 3 if that of the fine-tuned network is not below those of polar
-    casting and of a network of real casts alone. Takes about an hour on two cores, with --quick
-    less than ten minutes. The same command resumes an interrupted run.
+    casting and of a network of real casts alone. Takes an hour or more on two cores, with --quick
+    some ten minutes, and an hour with --quick --engine pybullet, the paper's simulator. The same
+    command resumes an interrupted run.
     """
 
     quick: bool = False
     """One cable, and less of everything."""
     setup: LabFile = None
-    out: Annotated[pathlib.Path | None, argument("DIR", "runs/reproduce, runs/reproduce-quick")] = (
-        None
-    )
+    out: Annotated[
+        pathlib.Path | None, argument("DIR", "runs/reproduce, runs/reproduce-quick ...")
+    ] = None
     """Folder of all results."""
     rig: RigName = "virtual"
+    engine: Engine = "warp"
     seed: int = 0
     """Seed of all random numbers."""
     device: Device = "cpu"
@@ -38,16 +40,20 @@ class Reproduce:
         """Run every stage that is not done, and print the order of methods and the report."""
         from cablecast.cli.options import load_lab
         from cablecast.cli.progress import console_progress
-        from cablecast.pipeline.reproduce import FULL, QUICK, reproduce
+        from cablecast.pipeline.reproduce import FULL, QUICK, QUICK_SLOW, reproduce
         from cablecast.report.reproduction import METHOD_NAMES
         from cablecast.runs.places import RUNS_FOLDER
 
+        name = "reproduce" + "-quick" * self.quick
+        name += "" if self.engine == "warp" else f"-{self.engine}"
+        quick = QUICK if self.engine == "warp" else QUICK_SLOW
         with console_progress() as progress:
             reproduced = reproduce(
-                self.out or RUNS_FOLDER / ("reproduce" + "-quick" * self.quick),
+                self.out or RUNS_FOLDER / name,
                 setup=load_lab(self.setup, None),
-                budget=QUICK if self.quick else FULL,
+                budget=quick if self.quick else FULL,
                 rig=self.rig,
+                engine=self.engine,
                 seed=self.seed,
                 device=self.device,
                 workers=self.workers,

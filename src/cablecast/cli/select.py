@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from typing import Annotated, Any
 
-from cablecast.cli.options import CableName, Device, LabFile, TunedParams, Workers, argument
+from cablecast.cli.options import CableName, Device, Engine, LabFile, TunedParams, Workers, argument
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -25,11 +25,13 @@ class Select:
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/select")] = None
     """Folder of the results."""
     scatter_max: Annotated[float, argument("PCT")] = 3.0
-    """Largest acceptable scatter of repeated casts, in % of cable length."""
+    """Largest acceptable scatter of repeated casts, the standard deviation of the distance to their
+    mean landing, in % of cable length."""
     grid: int = 15
     """Values of each action variable without a turn of the wrist; the paper used 15."""
     grid_psi: int = 10
     """Values of each action variable with one; the paper used 10, and 5 for the turn itself."""
+    engine: Engine = "warp"
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
     workers: Workers = "local"
@@ -52,6 +54,7 @@ class Select:
                 scatter_max_pct=self.scatter_max,
                 grid=self.grid,
                 grid_psi=self.grid_psi,
+                engine=self.engine,
                 device=self.device,
                 workers=self.workers,
                 out=out,
@@ -77,7 +80,7 @@ def print_choice(metrics: dict[str, Any]) -> None:
         table.add_column(name, justify="right", no_wrap=True)
     chosen = metrics["choice"]
     for row in metrics["coverage"]:
-        scatter_pct = (row["repeatability"] or {}).get("scatter_pct")
+        scatter_pct = (row["repeatability"] or {}).get("distance_sd_pct")
         table.add_row(
             f"{row['r0']:g}",
             f"{row['v_max']:g}",

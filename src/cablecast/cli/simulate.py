@@ -8,6 +8,7 @@ from cablecast.cli.options import (
     ArcRadius,
     CableName,
     Device,
+    Engine,
     GripSpeed,
     LabFile,
     TunedParams,
@@ -33,6 +34,7 @@ class Simulate:
     """Folder of the dataset."""
     seed: int = 0
     """Seed of the actions. The same seed gives the same dataset."""
+    engine: Engine = "warp"
     device: Device = "cpu"
     """Simulate on the processor or on an NVIDIA graphics card."""
     workers: Workers = "local"
@@ -41,9 +43,9 @@ class Simulate:
     r0: ArcRadius = None
     psi: bool = True
     """Turn the wrist (action set A2 of the paper); --no-psi keeps it still (A1)."""
-    segment_count: Annotated[int | None, argument("INT", "that of the convergence study")] = None
+    segment_count: Annotated[int | None, argument("INT", "the engine's")] = None
     """Segments of the simulated cable."""
-    dt: Annotated[float | None, argument("S", "that of the convergence study")] = None
+    dt: Annotated[float | None, argument("S", "the engine's")] = None
     """Time step of the simulation [s]."""
 
     def run(self) -> None:
@@ -63,6 +65,7 @@ class Simulate:
                 count=self.count,
                 psi=self.psi,
                 seed=self.seed,
+                engine=self.engine,
                 segment_count=self.segment_count,
                 dt=self.dt,
                 device=self.device,

@@ -21,9 +21,9 @@ from cablecast.data.schema import (
     track_extent,
 )
 from cablecast.data.writer import DatasetWriter
-from cablecast.engines.base import SETTLE_TIME, Engine
+from cablecast.engines.base import SETTLE_TIME, Engine, engine_settings
 from cablecast.engines.dynamics import Dynamics
-from cablecast.engines.spread import remade
+from cablecast.engines.spread import is_slow, remade, spread
 from cablecast.errors import CablecastError, DatasetError, InputError, check_count, check_seed
 from cablecast.files import read_sealed
 from cablecast.motion.action import ActionRanges
@@ -37,16 +37,14 @@ from cablecast.setup import Setup
 SIMULATED_COUNT = 36_000
 """Number of actions in D_sim (section V-F)."""
 
-SHARD_ROWS, CUDA_SHARD_ROWS = 3000, 36_000
+SHARD_ROWS, SLOW_SHARD_ROWS, CUDA_SHARD_ROWS = 3000, 30, 36_000
 """Number of rows of a shard, which is the unit of progress and what a kill loses: a few seconds on
-two cores, and on a graphics card, which takes about as long for a tenth of these rows."""
+two cores, some more of a slow engine, and on a graphics card, which takes about as long for a tenth
+of these rows."""
 
 # The free end moves at several metres a second and could swing over the table's edge and back
 # between samples, so the track is sampled five times as often as a camera would.
 SAMPLE_DT = 0.02
-
-# Settings of an engine that affect its use of the machine, not its results.
-_MACHINE_FIELDS = {"thread_count"}
 
 
 def simulate_dataset(
@@ -78,6 +76,7 @@ def simulate_dataset(
     if shard_rows is None:
         on_card = str(getattr(engine, "device", "cpu")).startswith("cuda")
         shard_rows = CUDA_SHARD_ROWS if on_card else SHARD_ROWS
+        shard_rows = SLOW_SHARD_ROWS if is_slow(engine) else shard_rows
     check_count("shard_rows", shard_rows)
     check_seed(seed)
     made = None if check_workers(workers) == LOCAL else remade(engine)
@@ -120,7 +119,7 @@ def simulate_dataset(
             done = count - sum(len(writer.rows_of(shard)) for shard in missing)
             report(done)
             tasks = [(shard, (actions[writer.rows_of(shard)], dynamics)) for shard in missing]
-            function, shared = simulate_actions, (setup, engine)
+            function, shared = simulate_actions, (setup, spread(engine, LOCAL))
             if made is not None:
                 function, shared = _simulate_remotely, (setup, made)
             for shard, columns in run_tasks(function, tasks, workers, shared):
@@ -197,19 +196,3 @@ def simulate_actions(
         | {"status": status.tolist(), "duration": grip_paths.duration}
         | dict(zip(EXTENT_COLUMNS, extent.T, strict=True))
     )
-
-
-def engine_settings(engine: Engine) -> dict[str, Any]:
-    """Return the settings of an engine that decide its results: its class and public attributes.
-
-    Only plain values are included, and the device by its name.
-    """
-    settings: dict[str, Any] = {"class": type(engine).__name__}
-    for name, value in vars(engine).items():
-        if name.startswith("_") or name in _MACHINE_FIELDS:
-            continue
-        if name == "device" or (isinstance(value, float) and not np.isfinite(value)):
-            value = str(value)
-        if isinstance(value, (bool, int, float, str)):
-            settings[name] = value
-    return settings

@@ -1,13 +1,16 @@
 """Cable simulators behind one contract."""
 
-from typing import TYPE_CHECKING
+import typing
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from cablecast.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
     from cablecast.engines.base import Engine
 
-ENGINE_NAMES = ("warp", "mujoco", "pybullet")
+EngineName = typing.Literal["warp", "mujoco", "pybullet"]
+ENGINE_NAMES: tuple[EngineName, ...] = typing.get_args(EngineName)
 
 
 def make_engine(
@@ -43,3 +46,8 @@ def make_engine(
     from cablecast.engines.pybullet_ import EnginePybullet
 
     return EnginePybullet(**options)  # pyright: ignore[reportArgumentType]
+
+
+def engine_name(settings: Mapping[str, Any]) -> str:
+    """Return the name of the engine whose settings a dataset holds; see `engine_settings`."""
+    return str(settings["class"]).removeprefix("Engine").lower()

@@ -433,3 +433,23 @@ def merge(parts: list[tuple[NDArray[np.int_], Rollout]]) -> Rollout:
         if forces
         else None,
     )
+
+
+# Settings of an engine that affect its use of the machine, not its results.
+_MACHINE_FIELDS = {"thread_count"}
+
+
+def engine_settings(engine: Engine) -> dict[str, Any]:
+    """Return the settings of an engine that decide its results: its class and public attributes.
+
+    Only plain values are included, and the device by its name.
+    """
+    settings: dict[str, Any] = {"class": type(engine).__name__}
+    for name, value in vars(engine).items():
+        if name.startswith("_") or name in _MACHINE_FIELDS:
+            continue
+        if name == "device" or (isinstance(value, float) and not np.isfinite(value)):
+            value = str(value)
+        if isinstance(value, (bool, int, float, str)):
+            settings[name] = value
+    return settings

@@ -1,4 +1,4 @@
-"""EngineSpread: an engine whose worlds are simulated on the workers of a cluster."""
+"""EngineSpread: an engine whose worlds are simulated on a cluster or in a process for each core."""
 
 import math
 from collections.abc import Sequence
@@ -19,10 +19,11 @@ from cablecast.engines.base import (
 )
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
-from cablecast.runs.workers import LOCAL, check_workers, run_tasks
+from cablecast.runs.workers import LOCAL, PROCESSES, check_workers, run_tasks
 
-WORLD_COUNT = 128
-"""Worlds of a task: some tenths of a second on one core, far longer than sending it takes."""
+WORLD_COUNT, SLOW_WORLD_COUNT = 128, 2
+"""Worlds of a task, and of one of a slow engine: some tenths of a second on one core, or some
+seconds, far longer than sending it takes."""
 
 
 class EngineSpread:
@@ -35,7 +36,7 @@ class EngineSpread:
         engine: Engine that each worker builds for itself; it also simulates batches that are too
             small to share.
         workers: See `check_workers`.
-        world_count: Worlds of a task; `WORLD_COUNT` where None.
+        world_count: Worlds of a task; those that suit the engine where None.
 
     Raises:
         InputError: The engine works in this process only.
@@ -45,7 +46,7 @@ class EngineSpread:
         self._remade = remade(engine)
         self.segment_count, self.dt = engine.segment_count, engine.dt
         self._engine, self._workers = engine, workers
-        self._world_count = world_count or WORLD_COUNT
+        self._world_count = world_count or (SLOW_WORLD_COUNT if is_slow(engine) else WORLD_COUNT)
 
     def rollout(
         self,
@@ -86,12 +87,22 @@ class EngineSpread:
 
 
 def spread(engine: Engine, workers: str) -> Engine:
-    """Return an engine whose worlds are simulated by some workers; as it is for "local".
+    """Return an engine whose worlds are simulated by some workers.
+
+    For "local" it is the engine as it is, or one that spreads its worlds over a process for each
+    core if it uses one core only.
 
     Raises:
         InputError: There are no such workers, or the engine works in this process only.
     """
-    return engine if check_workers(workers) == LOCAL else EngineSpread(engine, workers)
+    if check_workers(workers) != LOCAL:
+        return EngineSpread(engine, workers)
+    return EngineSpread(engine, PROCESSES) if is_slow(engine) else engine
+
+
+def is_slow(engine: Engine) -> bool:
+    """Return whether an engine plays one world after the other on one core."""
+    return getattr(engine, "uses_one_core", False)
 
 
 def remade(engine: Engine) -> tuple[type, dict[str, Any]]:

@@ -21,7 +21,8 @@ from cablecast.conventions import mirror_xy
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError, MissingExtraError, check_number
-from cablecast.motion.feasibility import feasible_of_grid
+from cablecast.motion.action import grid_actions
+from cablecast.motion.feasibility import check_actions, feasible_of_grid, feasible_ranges
 from cablecast.motion.polar import PolarReach
 from cablecast.setup import Setup
 
@@ -52,26 +53,43 @@ def measure_coverage(
 
     Returns:
         Plain values for metrics.json: r0 [m], v_max [m/s] and whether the wrist turns; the number
-        of actions that the arm can follow; the area of the concave hull of their landings as a
-        share of the half disc [-], also at other hull ratios; and the closed outlines of the hull's
-        parts within the half disc [m].
+        of actions that the arm can follow, of the grid over the ranges that suit r0 and of that
+        over the same angles at every r0 (`same_angles`), as the paper's words say; the area of the
+        concave hull of their landings as a share of the half disc [-], also at other hull ratios;
+        and the closed outlines of the hull's parts within the half disc [m].
 
     Raises:
         InputError: No action of the grid is feasible, or the grid is too large.
     """
     from cablecast.data.simulate import simulate_actions
 
-    actions = feasible_of_grid(counts, setup)
-    columns = simulate_actions(actions, dynamics, setup, engine)
-    endpoint_xy = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
-    endpoint_xy = endpoint_xy[np.all(np.isfinite(endpoint_xy), axis=1)]
     radius = setup.workspace.reach(setup.cable.length)
+
+    def landings(actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        columns = simulate_actions(actions, dynamics, setup, engine)
+        endpoint_xy = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
+        return endpoint_xy[np.all(np.isfinite(endpoint_xy), axis=1)]
+
+    actions = feasible_of_grid(counts, setup)
+    endpoint_xy = landings(actions)
     hull = concave_hull(endpoint_xy, radius)
+    behind = setup.motion.r0 - setup.workspace.reset_y
+    same = {"feasible_count": len(actions), "share": covered_share(hull, radius)}
+    if behind:
+        ranges = feasible_ranges(setup.with_motion(r0=setup.workspace.reset_y))
+        low, high = ranges.r2
+        ranges = dataclasses.replace(ranges, r2=(low + behind, high + behind))
+        grid = grid_actions(ranges, counts)
+        grid = grid[check_actions(grid, setup).mask]
+        same = {"feasible_count": len(grid), "share": None}
+        if len(grid) and len(xy := landings(grid)) > 2:
+            same["share"] = covered_share(concave_hull(xy, radius), radius)
     return {
         "r0": setup.motion.r0,
         "v_max": setup.motion.v_max,
         "with_psi": len(counts) == 4,
         "feasible_count": len(actions),
+        "same_angles": same,
         "hull_ratio": HULL_RATIO,
         "share": covered_share(hull, radius),
         "share_by_ratio": {
@@ -134,8 +152,8 @@ def _shapely():
 
 
 SCATTER_MAX_PCT = 3.0
-"""Largest scatter of a repeatable combination [% of cable length]. The paper accepted 1.93 and
-rejected 3.70."""
+"""Largest scatter of a repeatable combination, by the paper's words (`distance_sd_pct`) [% of cable
+length]. The paper accepted 1.93 and rejected 3.70."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 Each action is cast several times. Casts whose free end left the table are excluded from the scatter
 and counted separately. The scatter of a combination of system parameters is the mean over its
-actions, as in the paper.
+actions, as in the paper. The paper's "standard deviation of the distance to the mean position" has
+two readings, and both are measured.
 """
 
 import dataclasses
@@ -106,6 +107,18 @@ class ActionScatter:
         return float(np.sqrt(np.mean(distances**2)))
 
     @property
+    def distance_sd(self) -> float:
+        """Standard deviation of the distances from the mean landing [m]; NaN for fewer than two.
+
+        These are the paper's words (section V-E). Taken literally they measure how unequal the
+        distances are: two landings always have 0. `scatter` is the root mean square of the same
+        distances.
+        """
+        if len(self.landed_xy) < 2:
+            return math.nan
+        return float(np.std(np.linalg.norm(self.landed_xy - self.mean_xy, axis=1)))
+
+    @property
     def along_arc_share(self) -> float:
         """Share of the variance perpendicular to the direction from the base [-].
 
@@ -182,8 +195,13 @@ class Repeatability:
 
     @property
     def scatter_pct(self) -> float:
-        """Mean scatter over the actions [% of cable length], the paper's measure."""
+        """Mean scatter over the actions [% of cable length]."""
         return _mean(self.scatters_pct)
+
+    @property
+    def distance_sd_pct(self) -> float:
+        """Mean of `ActionScatter.distance_sd` [% of cable length], the paper's words."""
+        return 100.0 * _mean(np.array([a.distance_sd for a in self.actions])) / self.cable.length
 
     @property
     def scatter_standard_error_pct(self) -> float:
@@ -211,6 +229,7 @@ class Repeatability:
         values = {
             "scatter_pct": self.scatter_pct,
             "scatter_standard_error_pct": self.scatter_standard_error_pct,
+            "distance_sd_pct": self.distance_sd_pct,
             "off_table_share": self.off_table_share,
             "along_arc_share": self.along_arc_share,
         }

@@ -9,6 +9,7 @@ import functools
 import io
 import json
 import pathlib
+import typing
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
@@ -308,6 +309,9 @@ def within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
     return clipped
 
 
+PlanMethod = typing.Literal["refined", "paper"]
+"""How a policy plans: our search with refinement, or the paper's equation 1 alone."""
+
 CANDIDATE_COUNT = 50_000
 """Number of candidate actions (section V-F)."""
 
@@ -448,6 +452,16 @@ class ForwardSearchPolicy:
         arrays = {name: getattr(self, name)[found.mask] for name in ARRAY_SHAPES}
         return dataclasses.replace(self, model=self.model.in_lab(setup), **arrays)
 
+    def by(self, method: PlanMethod) -> "ForwardSearchPolicy":
+        """Return the policy that plans by a method, "refined" or "paper"; see `PaperPolicy`.
+
+        Raises:
+            InputError: There is no such method, or the candidates were not drawn by `build`.
+        """
+        if method not in typing.get_args(PlanMethod):
+            raise InputError(f"method {str(method)[:40]!r} must be refined or paper")
+        return PaperPolicy.of(self) if method == "paper" else self
+
     def plan(
         self,
         target_xy: ArrayLike | None = None,
@@ -471,15 +485,7 @@ class ForwardSearchPolicy:
             target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
         )
         side = side_of(targets)
-        to_right = mirror_xy(targets, side)
-        chosen = self._least_sensitive(to_right)
-        actions, predicted_xy = refine_actions(
-            self.actions[chosen],
-            to_right,
-            self._changes,
-            model=self.model,
-            table_margin=self.info.get("table_margin", TABLE_MARGIN),
-        )
+        chosen, actions, predicted_xy = self._choose(mirror_xy(targets, side))
         return Plan(
             setup=self.setup,
             target_xy=targets,
@@ -488,6 +494,20 @@ class ForwardSearchPolicy:
             inside_coverage=self.inside_coverage(targets),
             sensitivity=self.sensitivity[chosen],
         )
+
+    def _choose(
+        self, targets: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+        """Return rows of candidates, actions and landings for targets on the right half."""
+        chosen = self._least_sensitive(targets)
+        actions, predicted_xy = refine_actions(
+            self.actions[chosen],
+            targets,
+            self._changes,
+            model=self.model,
+            table_margin=self.info.get("table_margin", TABLE_MARGIN),
+        )
+        return chosen, actions, predicted_xy
 
     def _least_sensitive(self, targets: NDArray[np.float64]) -> NDArray[np.intp]:
         """Return the least sensitive of equally near candidates for targets on the right half."""
@@ -569,6 +589,44 @@ class ForwardSearchPolicy:
         from scipy.spatial import KDTree
 
         return KDTree(self.predicted_xy)
+
+
+class PaperPolicy(ForwardSearchPolicy):
+    """Policy of the paper's equation 1: the candidate whose predicted landing is nearest.
+
+    No candidate is left out, whether it stays on the table or not; none is preferred for its
+    sensitivity, which is unknown here, nor refined.
+    """
+
+    @classmethod
+    def of(cls, policy: ForwardSearchPolicy) -> "PaperPolicy":
+        """Return the policy of equation 1 with the model and all candidates of another.
+
+        Raises:
+            InputError: The candidates were not drawn by `ForwardSearchPolicy.build`.
+        """
+        info, model = policy.info, policy.model
+        if isinstance(policy, cls):
+            return policy
+        if "seed" not in info:
+            raise InputError("equation 1 needs a policy whose candidates `train` has drawn")
+        ranges = model.action_ranges
+        actions = feasible_grid(info["candidate_count"], policy.setup, ranges, info["seed"])
+        predicted_xy, unknown = model.predict(actions), np.full(len(actions), np.nan)
+        return cls(
+            model=model,
+            actions=actions,
+            predicted_xy=predicted_xy,
+            sensitivity=unknown,
+            margin=unknown,
+            info={**info, "name": "equation 1", "kept_count": len(actions)},
+        )
+
+    def _choose(
+        self, targets: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+        _, chosen = self.tree.query(targets)
+        return chosen, self.actions[chosen], self.predicted_xy[chosen]
 
 
 @says_what_it_takes

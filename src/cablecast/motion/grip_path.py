@@ -156,6 +156,10 @@ _HERMITE = np.array(
 )
 
 
+LEVEL = 0.02
+"""Turn about the cable up to which a gripper counts as level [rad]: a real one tilts a little."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GripPath:
     """Gripper pose over time, constant before the first and after the last knot.
@@ -252,10 +256,9 @@ class GripPath:
 
     @property
     def is_level(self) -> bool:
-        """True if the gripper's side stays as level as it is at the start (`levelled`)."""
-        level = self.levelled()
-        turn, wanted = (path._rolls(0) for path in (self, level))
-        return bool(np.allclose(turn, wanted, rtol=0.0, atol=1e-6))
+        """True if the gripper's side stays as level as at the start (`levelled`), to `LEVEL`."""
+        turn, wanted = (path._rolls(0)[..., 0] for path in (self, self.levelled()))
+        return bool(np.allclose(turn, wanted, rtol=0.0, atol=LEVEL))
 
     def levelled(self) -> "GripPath":
         """Return the motion of a gripper whose side stays level, as that of an arm with a yaw does.

@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from cablecast.engines import make_engine
+from cablecast.engines import EngineName, engine_name, make_engine
 from cablecast.errors import InputError, check_count, says_what_it_takes
 from cablecast.evaluation.evaluate import (
     Evaluation,
@@ -17,7 +17,7 @@ from cablecast.evaluation.evaluate import (
 )
 from cablecast.files import write_bytes, write_text
 from cablecast.learning.landing import LandingModel
-from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy, Policy
+from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy, PlanMethod, Policy
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import RigEngine
@@ -41,6 +41,7 @@ def evaluate(
     targets: ArrayLike | None = None,
     *,
     repeats: int = 1,
+    method: PlanMethod = "refined",
     device: str = "cpu",
     out: str | os.PathLike[str] | None = None,
     progress: ProgressCallback = show,
@@ -52,6 +53,7 @@ def evaluate(
         rig: Rig that `make_rig` returned, with the set-up of the policy.
         targets: Targets [m], shape [target, 2]; the paper's 32 where None.
         repeats: Casts at each target; the paper makes 5.
+        method: How a policy of a model plans: "refined", or "paper" for equation 1 alone.
         device: Device of the simulator that splits the errors, "cpu" or "cuda".
         out: Folder that keeps the casts, metrics.json, trials.csv, a map of the landings and a
             report, and lets a stopped evaluation go on; none where None.
@@ -68,6 +70,8 @@ def evaluate(
     """
     if out is not None:
         require("the report", "matplotlib", "jinja2")
+    if isinstance(policy, ForwardSearchPolicy):
+        policy = policy.by(method)
     check_rig_setup(rig, policy)
     target_xy = policy.setup.workspace.check_targets(
         load_targets() if targets is None else targets, cable_length=policy.setup.cable.length
@@ -126,8 +130,10 @@ def check_evaluate(
         engine_rig(model, device).close()
 
 
-def engine_rig(model: LandingModel, device: str = "cpu") -> CheckedRig:
-    """Return the simulator of a model's training casts as a rig.
+def engine_rig(
+    model: LandingModel, device: str = "cpu", engine: EngineName | None = None
+) -> CheckedRig:
+    """Return the simulator of a model's training casts as a rig, or another engine of its cable.
 
     Raises:
         InputError: The model was not trained on simulated casts.
@@ -135,9 +141,11 @@ def engine_rig(model: LandingModel, device: str = "cpu") -> CheckedRig:
     settings = model.settings
     if not settings.is_simulated:
         raise InputError("the model was not trained on simulated casts: its simulator is unknown")
-    engine = settings.values["engine"]
-    engine = make_engine("warp", engine["segment_count"], engine["dt"], device)
-    return make_rig(RigEngine(engine, model.setup, settings.dynamics), model.setup)
+    stored = settings.values["engine"]
+    made = make_engine(engine_name(stored), stored["segment_count"], stored["dt"], device)
+    if engine is not None and engine != engine_name(stored):
+        made = make_engine(engine, device=device)
+    return make_rig(RigEngine(made, model.setup, settings.dynamics), model.setup)
 
 
 def check_rig_setup(rig: CheckedRig, policy: Policy) -> None:

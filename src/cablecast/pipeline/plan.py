@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from cablecast.errors import InputError, says_what_it_takes
 from cablecast.files import remove_leftovers, write_text
-from cablecast.learning.policy import Plan, Policy
+from cablecast.learning.policy import ForwardSearchPolicy, Plan, PlanMethod, Policy
 from cablecast.motion.trajectory import JointPath
 from cablecast.runs.folder import settings_differences
 from cablecast.setup import Setup
@@ -20,6 +20,7 @@ def plan_motion(
     target_xy: ArrayLike | None = None,
     r: float | None = None,
     theta_deg: float | None = None,
+    method: PlanMethod = "refined",
 ) -> Plan:
     """Plan the motion that lands the cable's free end on a target.
 
@@ -28,10 +29,13 @@ def plan_motion(
         target_xy: Target [m], shape [2]; or else r and theta_deg.
         r: Distance from the robot's base [m].
         theta_deg: Angle from straight ahead, positive to the robot's right [deg].
+        method: "refined", or "paper" for the paper's equation 1 alone.
 
     Raises:
         TargetError: The target is not finite, out of reach, or off the table.
     """
+    if isinstance(policy, ForwardSearchPolicy):
+        policy = policy.by(method)
     plan = policy.plan(target_xy, r=r, theta_deg=theta_deg)
     if len(plan) != 1:
         raise InputError(f"plan_motion takes one target, not {len(plan)}: use policy.plan")

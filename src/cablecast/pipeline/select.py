@@ -5,7 +5,8 @@ import os
 from typing import Any
 
 from cablecast.cable import Cable, CableParams
-from cablecast.engines import make_engine
+from cablecast.engines import EngineName, make_engine
+from cablecast.engines.base import Engine, engine_settings
 from cablecast.engines.spread import spread
 from cablecast.errors import InputError, check_count, check_number, says_what_it_takes
 from cablecast.evaluation.coverage import (
@@ -57,6 +58,7 @@ def select(
     scatter_max_pct: float = SCATTER_MAX_PCT,
     grid: int = 15,
     grid_psi: int = 10,
+    engine: EngineName = "warp",
     device: str = "cpu",
     workers: str = LOCAL,
     out: str | os.PathLike[str] | None = None,
@@ -72,9 +74,11 @@ def select(
         tuned: Result of `tune`, or parameters of the cable; the cable's own where None.
         repeated: Result of `repeat`, or its metrics, to weigh against coverage; coverage alone
             decides where None.
-        scatter_max_pct: Largest acceptable scatter of repeated casts [% of cable length].
+        scatter_max_pct: Largest acceptable scatter of repeated casts, the standard deviation of the
+            distance to their mean landing [% of cable length].
         grid: Values of each action variable without a turn of the wrist; the paper has 15.
         grid_psi: Values of each action variable with one; the paper has 10, and half as many turns.
+        engine: Simulator, see `make_engine`.
         device: "cpu" or "cuda".
         workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         out: Folder that keeps the results and a figure, and lets a stopped run go on; none where
@@ -90,7 +94,7 @@ def select(
     check_count("grid_psi", grid_psi, 1, 40)
     require("measuring coverage", "shapely", *(["matplotlib"] if out is not None else []))
     tuned = Tuned.of(tuned, setup)
-    engine = spread(make_engine("warp", device=device), workers)
+    simulator = make_engine(engine, device=device)
     rows = _scatter_rows(repeated, setup.cable)
     settings = {
         **setup.to_settings(),
@@ -99,7 +103,7 @@ def select(
         "scatter_max_pct": scatter_max_pct,
         "grid": grid,
         "grid_psi": grid_psi,
-        "device": device,
+        "engine": engine_settings(simulator),
     }
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "select", settings)
@@ -110,7 +114,7 @@ def select(
                     run,
                     setup,
                     tuned,
-                    engine,
+                    spread(simulator, workers),
                     (grid, grid_psi),
                     rows,
                     scatter_max_pct,
@@ -133,7 +137,7 @@ def _survey(
     run: RunFolder,
     setup: Setup,
     tuned: Tuned,
-    engine: Any,
+    engine: Engine,
     grids: tuple[int, int],
     rows: list[dict[str, Any]],
     scatter_max_pct: float,
@@ -240,6 +244,6 @@ def _candidate(result: dict[str, Any]) -> Candidate:
         v_max=v_max,
         with_psi=with_psi,
         coverage=result["share"],
-        scatter_pct=repeated.get("scatter_pct"),
+        scatter_pct=repeated.get("distance_sd_pct"),
         off_table_share=repeated.get("off_table_share"),
     )

@@ -7,7 +7,7 @@ from typing import Any
 from cablecast.cable import CableParams
 from cablecast.data.dataset import Dataset
 from cablecast.data.simulate import SIMULATED_COUNT, simulate_dataset
-from cablecast.engines import make_engine
+from cablecast.engines import EngineName, make_engine
 from cablecast.errors import says_what_it_takes
 from cablecast.motion.feasibility import feasible_ranges
 from cablecast.pipeline.places import folder_or_temporary
@@ -26,6 +26,7 @@ def simulate(
     count: int = SIMULATED_COUNT,
     psi: bool = True,
     seed: int = 0,
+    engine: EngineName = "warp",
     segment_count: int | None = None,
     dt: float | None = None,
     device: str = "cpu",
@@ -45,8 +46,9 @@ def simulate(
         count: Number of casts.
         psi: Whether the wrist turns (the action set A2 of the paper).
         seed: Seed of the actions. The same seed gives the same dataset.
-        segment_count: Segments of the simulated cable; what the convergence study chose where None.
-        dt: Time step [s]; what the convergence study chose where None.
+        engine: Simulator, see `make_engine`.
+        segment_count: Segments of the simulated cable; the engine's default where None.
+        dt: Time step [s]; the engine's default where None.
         device: "cpu" or "cuda".
         workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         out: Folder that keeps the dataset and lets a stopped run go on; none where None.
@@ -61,14 +63,14 @@ def simulate(
     """
     check_workers(workers)
     tuned = Tuned.of(tuned, setup)
-    engine = make_engine("warp", segment_count, dt, device)
+    simulator = make_engine(engine, segment_count, dt, device)
     progress(Progress(task=f"Choosing {count} motions that the arm can make"))
     with folder_or_temporary(out) as folder:
         dataset = simulate_dataset(
             folder,
             setup,
             tuned.dynamics.without_curl(),
-            engine,
+            simulator,
             count=count,
             seed=seed,
             ranges=feasible_ranges(setup, psi),

@@ -7,8 +7,8 @@ import typing
 from typing import Any
 
 from cablecast.data.dataset import Dataset
-from cablecast.data.simulate import engine_settings
-from cablecast.engines import make_engine
+from cablecast.engines import EngineName, make_engine
+from cablecast.engines.base import Engine, engine_settings
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import spread
 from cablecast.errors import InputError, says_what_it_takes
@@ -46,6 +46,7 @@ def tune(
     config: FitConfig | TuneConfig | None = None,
     validation_count: int | None = None,
     path: PathSource = "auto",
+    engine: EngineName = "warp",
     segment_count: int | None = None,
     dt: float | None = None,
     device: str = "cpu",
@@ -66,8 +67,10 @@ def tune(
             a quarter, as in the paper, but 0 for such a fit to fewer than 20 casts.
         path: Motion of the gripper to simulate: the commanded one, or what the arm reported.
             "auto" takes the reported one where there is one.
-        segment_count: Segments of the simulated cable; what the convergence study chose where None.
-        dt: Time step [s]; what the convergence study chose where None.
+        engine: Simulator, see `make_engine`. Only "warp" fits material parameters beside the ten,
+            and other physics for `aim`.
+        segment_count: Segments of the simulated cable; the engine's default where None.
+        dt: Time step [s]; the engine's default where None.
         device: "cpu" or "cuda".
         workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         out: Folder that keeps the results and lets a stopped search go on; none where None.
@@ -88,14 +91,13 @@ def tune(
         require("drawing the tracks", "matplotlib")
     tracks = MeasuredTracks.from_dataset(casts, path_source=path)
     split = _split(tracks, config, validation_count)
-    engine = make_engine("warp", segment_count, dt, device)
-    coarse = make_engine(
-        "warp",
-        min(config.coarse_segment_count, engine.segment_count),
-        max(config.coarse_dt, engine.dt),
-        device,
-    )
-    engines = spread(coarse, workers), spread(engine, workers)
+    if engine != "warp" and isinstance(config, FitConfig):
+        config = dataclasses.replace(config, materials=(), ensemble_iterations=0)
+    fine = coarse = make_engine(engine, segment_count, dt, device)
+    if isinstance(config, FitConfig):
+        coarse_count = min(config.coarse_segment_count, fine.segment_count)
+        coarse = make_engine(engine, coarse_count, max(config.coarse_dt, fine.dt), device)
+    engines = spread(coarse, workers), spread(fine, workers)
     settings = {
         **casts.setup.to_settings(),
         "dataset_fingerprint": casts.fingerprint,
@@ -103,7 +105,7 @@ def tune(
         "training_count": len(split[0]),
         "validation_count": 0 if split[1] is None else len(split[1]),
         "path": tracks.path_source,
-        "engine": engine_settings(engine),
+        "engine": engine_settings(fine),
         "coarse_engine": engine_settings(coarse),
     }
     with folder_or_temporary(out) as folder:
@@ -121,7 +123,7 @@ def _search(
     run: RunFolder,
     casts: Dataset,
     split: tuple[MeasuredTracks, MeasuredTracks | None],
-    engines: tuple[Any, Any],
+    engines: tuple[Engine, Engine],
     config: FitConfig | TuneConfig,
     progress: ProgressCallback,
     keep: bool,
@@ -139,7 +141,8 @@ def _search(
     if isinstance(config, FitConfig):
         result = fit_params(cable, training, validation, *engines, config, **kept)
     else:
-        result = tune_params(cable, training, validation or training, *engines, config, **kept)
+        held_out = validation or training
+        result = tune_params(cable, training, held_out, engines[1], config, **kept)
     values = {
         "cable": cable.name,
         "method": method_name(config),
@@ -148,6 +151,7 @@ def _search(
     }
     metrics = {
         **values,
+        "training_count": len(training),
         "held_out_count": 0 if validation is None else len(validation),
         "servo_fit": _servo_metrics(servo),
         "history": [

@@ -37,6 +37,7 @@ from cablecast.report.tables import (
     flatten_settings,
     measured_table,
     method_table,
+    more_casts_table,
     pct,
     split_table,
     time_table,
@@ -191,15 +192,17 @@ def tuning_part(results: Reproduction) -> Part | None:
     if not tunings:
         return None
     lead = results.cables[0]
+    more = more_casts_table(tunings, results.by_cable("tune-more"))
     return Part(
         title="Tuning the simulator (table I)",
         paragraphs=[
             "Differential Evolution looked for the ten parameters with which simulated endpoints "
             "stay nearest to measured ones, on some casts of the rig; the distances are those "
             "of other casts, which it never saw. Default parameters are those that were believed "
-            "of the cable before anything was measured; the paper's are PyBullet's.",
+            "of the cable before anything was measured; the paper's are PyBullet's. The paper "
+            "does not state how many simulations its search took.",
         ],
-        tables=[tuning_table(tunings)],
+        tables=[table for table in (tuning_table(tunings), more) if table is not None],
         figures=results.picture(
             lead, "tune", "tracks.png", f"Measured and simulated tracks of {lead}, validation casts"
         ),
@@ -334,6 +337,12 @@ def cable_part(results: Reproduction) -> Part | None:
                 "The same, casts without a landing counted as misses",
                 published=False,
             ),
+            cable_table(
+                results.by_cable("evaluate-ours"),
+                "errors_pct",
+                "Ours: the same models, casts searched for and refined",
+                published=False,
+            ),
         ],
         figures=figures,
     )
@@ -404,11 +413,7 @@ def reproduction_page(
     return page, [*tables, took]
 
 
-_RIG_PHRASES = {
-    "virtual": "on a virtual rig",
-    "virtual:4": "on virtual rig 4",
-    "engine": "in a simulator",
-}
+_RIG_PHRASES = {"virtual": "on a virtual rig", "engine": "in a simulator"}
 
 
 def _cards(results: Reproduction) -> list[dict[str, str]]:

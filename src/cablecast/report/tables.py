@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES, published_candidate
 from cablecast.evaluation.published import (
     METHOD_NAMES,
-    PUBLISHED_SIMULATION_COUNT,
     PublishedRow,
     published_row,
     published_rows,
@@ -249,14 +248,18 @@ def coverage_table(selection: Metrics) -> Table:
         paper = published.get(key)
         repeat = result.get("repeatability") or {}
         low, high = sorted(result["share_by_ratio"].values())
+        same = result["same_angles"]["share"]
+        same = None if same is None else 100 * same
         rows.append(
             make_row(
                 f"r0 = {key[0]:g} m, v_max = {key[1]:g} m/s" + ", psi" * key[2],
                 str(result["feasible_count"]),
                 pct(100 * result["share"]),
                 f"{100 * low:.1f} to {100 * high:.1f}",
+                f"{pct(same)} ({result['same_angles']['feasible_count']})",
                 pct(100 * paper.coverage) if paper else "",
                 pct(repeat.get("scatter_pct"), 2) if repeat else "",
+                pct(repeat.get("distance_sd_pct"), 2) if repeat else "",
                 pct(paper.scatter_pct, 2) if paper else "",
                 pct(100 * repeat["off_table_share"]) if repeat else "",
                 pct(100 * paper.off_table_share) if paper and paper.off_table_share else "",
@@ -264,7 +267,7 @@ def coverage_table(selection: Metrics) -> Table:
             )
         )
     polar = selection["polar_casting"]["share"]
-    rows.append(make_row("polar casting", "", pct(100 * polar), *[""] * 6))
+    rows.append(make_row("polar casting", "", pct(100 * polar), *[""] * 8))
     ratio = selection["coverage"][0]["hull_ratio"]
     ratios = " and ".join(selection["coverage"][0]["share_by_ratio"])
     return Table(
@@ -274,15 +277,33 @@ def coverage_table(selection: Metrics) -> Table:
             "casts",
             "coverage",
             f"with hull ratios {ratios}",
+            "same angles at every r0 (casts)",
             "paper",
-            "scatter",
+            "rms",
+            "sd of distance",
             "paper",
             "off table",
             "paper",
         ),
         rows=tuple(rows),
-        note=f"Coverage by concave hulls of ratio {ratio:g}; the paper does not state its own.",
+        note=f"Coverage by concave hulls of ratio {ratio:g}; the paper does not state its own. "
+        "Angles are those that the arm can make at each r0; the next to last of the columns of "
+        "coverage has those of r0 = reset_y at every r0, of which the arm can follow few.",
     )
+
+
+def more_casts_table(few: Mapping[str, Metrics], more: Mapping[str, Metrics]) -> Table | None:
+    """Compare equation 4 on the same casts after tuning with few and with more, by cable."""
+    rows = []
+    for cable in more:
+        counts = [str(metrics[cable]["training_count"]) for metrics in (few, more)]
+        means = [metrics[cable]["validation"]["tuned"]["mean_pct"] for metrics in (few, more)]
+        change = f"{100.0 * (means[1] / means[0] - 1.0):+.0f} %" if means[0] else pct(None)
+        cells = (" and ".join(counts), *map(pct, means), change, "+2 to +12 %")
+        rows.append(make_row(cable, *cells))
+    heads = ("cable", "casts", "with few", "with more", "change", "paper, 60 and 80")
+    title = "Equation 4 on validation casts, tuned with few and with more casts"
+    return Table(title=title, heads=heads, rows=tuple(rows)) if rows else None
 
 
 def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
@@ -309,7 +330,7 @@ def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
                     pct(paper.tuned_final_pct),
                     pct(paper.default_mean_pct),
                     pct(paper.tuned_mean_pct),
-                    f"about {PUBLISHED_SIMULATION_COUNT:,}",
+                    "not stated",
                     kind="paper",
                 )
             )
@@ -349,10 +370,11 @@ def difficulty_table(tunings: Mapping[str, Metrics], selection: Metrics | None) 
         off_table = paper.off_table_share if paper else None
         rows += [
             make_row(
-                f"{name}: scatter of equal casts",
-                pct(repeated["scatter_pct"], 2),
+                f"{name}: standard deviation of the distance of equal casts from their mean",
+                pct(repeated["distance_sd_pct"], 2),
                 pct(paper.scatter_pct, 2) if paper else "",
             ),
+            make_row(f"{name}: its root mean square", pct(repeated["scatter_pct"], 2), ""),
             make_row(
                 f"{name}: casts that left the table [%]",
                 pct(100 * repeated["off_table_share"]),

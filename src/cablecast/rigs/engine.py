@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.engines.base import SETTLE_TIME, Engine
+from cablecast.engines.base import SETTLE_TIME, Engine, engine_settings
 from cablecast.engines.dynamics import Dynamics
+from cablecast.engines.spread import spread
 from cablecast.errors import InputError, check_number
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle
+from cablecast.runs.workers import LOCAL
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
@@ -47,14 +49,13 @@ class RigEngine(RigLifecycle):
             raise InputError(
                 f"a rig has one cable, but its parameters are given for {count} worlds"
             )
-        self.engine = engine
+        self.engine = spread(engine, LOCAL)
         self.setup = setup
         self.sample_dt = check_number("sample_dt", sample_dt, 1e-3, 10.0, "s")
         settings = setup.to_settings()
         self.description: dict[str, Any] = {
             "rig": "engine",
-            "engine": type(engine).__name__,
-            "segment_count": engine.segment_count,
+            "engine": engine_settings(engine),
             "cable": setup.cable.name,
             **self.dynamics.to_dict(),
             "workspace": settings["workspace"],

@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import inspect
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -13,8 +14,10 @@ from cablecast.rigs.base import Rig, foreign_code
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts, takes
 from cablecast.setup import Setup
 
-RIG_NAMES = ("virtual", "virtual:4", "virtual:5", "engine", "ur")
+RIG_NAMES = ("virtual", "virtual:4", "virtual:5", "virtual:5:LAB", "engine", "engine:NAME", "ur")
 """Rigs that come with cablecast; any other is given as package.module:factory."""
+
+_LABORATORY = re.compile(r"virtual(?::([45])(?::(\d{1,9}))?)?")
 
 RigFactory = Callable[[Setup, int], Rig]
 """Makes a rig for a set-up and a seed."""
@@ -31,9 +34,10 @@ def make_rig(
     """Return a rig whose answers are checked.
 
     Args:
-        spec: "virtual", "virtual:4" or "virtual:5" for a version of its laboratory, "engine", "ur",
-            "package.module:factory", a function factory(setup, seed) that returns a rig, or a rig.
-            The module may lie in the working directory.
+        spec: "virtual", "virtual:4" or "virtual:5" for a version of its laboratory, "virtual:5:1"
+            for another laboratory of it, "engine" or "engine:pybullet" for a simulator of
+            `make_engine`, "ur", "package.module:factory", a function factory(setup, seed) that
+            returns a rig, or a rig. The module may lie in the working directory.
         setup: Cable, workspace, arm and motion settings.
         seed: Seed of what the rig draws by chance.
         time_limit: Longest time of one reset or one trial [s]; None for no limit.
@@ -55,17 +59,18 @@ def make_rig(
 
 def _make(spec: Any, setup: Setup, seed: int) -> Rig:
     """Return the rig itself."""
-    if spec in ("virtual", "virtual:4", "virtual:5"):
+    laboratory = _LABORATORY.fullmatch(spec) if isinstance(spec, str) else None
+    if laboratory is not None:
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
-        _, colon, version = spec.partition(":")
-        config = VirtualConfig(version=int(version)) if colon else VirtualConfig()
+        names = zip(("version", "lab_seed"), laboratory.groups(), strict=True)
+        config = VirtualConfig(**{name: int(value) for name, value in names if value is not None})
         return RigVirtual(setup, seed, config)
-    if spec == "engine":
-        from cablecast.engines.warp_ import EngineWarp
+    if spec == "engine" or (isinstance(spec, str) and spec.startswith("engine:")):
+        from cablecast.engines import make_engine
         from cablecast.rigs.engine import RigEngine
 
-        return RigEngine(EngineWarp(), setup)
+        return RigEngine(make_engine(spec.partition(":")[2] or "warp"), setup)
     if spec == "ur":
         from cablecast.rigs.ur.rig import make_ur_rig
 

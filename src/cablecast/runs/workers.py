@@ -1,18 +1,25 @@
-"""Numbered tasks, in this process or on the workers of a Ray cluster.
+"""Numbered tasks, in this process, in a process for each core, or on the workers of a Ray cluster.
 
 A task is a function of plain arguments, so that it gives the same wherever it runs. Its result
 comes back to this process, which alone writes files. A worker or a node that dies costs the tasks
 that it had under way: Ray gives them to another one.
 """
 
+import concurrent.futures
 import contextlib
 import os
+import pickle
+import queue
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from cablecast.errors import CablecastError, InputError, MissingExtraError
+from cablecast.files import core_count
 
-LOCAL, RAY = "local", "ray"
+LOCAL, PROCESSES, RAY = "local", "processes", "ray"
 
 # Tasks that wait for each worker, so that none is idle while a result travels; more would only
 # hold memory.
@@ -83,8 +90,70 @@ def run_tasks(
         for number, arguments in tasks:
             yield number, function(*arguments, *shared)
         return
+    if workers == PROCESSES:
+        yield from _run_in_processes(function, tasks, shared)
+        return
     with connected(workers):
         yield from _run_on_ray(function, tasks, shared)
+
+
+def _run_in_processes(
+    function: Callable[..., Any],
+    tasks: Sequence[tuple[int, tuple[Any, ...]]],
+    shared: tuple[Any, ...],
+) -> Iterator[tuple[int, Any]]:
+    # Not multiprocessing, which would run the user's script again in each process.
+    command = [sys.executable, "-c", "from cablecast.runs.workers import serve; serve()"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    idle: queue.SimpleQueue[subprocess.Popen[bytes]] = queue.SimpleQueue()
+    count = min(core_count(), len(tasks))
+    with contextlib.ExitStack() as stack:
+        pool = stack.enter_context(concurrent.futures.ThreadPoolExecutor(count))
+        for _ in range(count):
+            process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
+            )
+            stack.enter_context(process)
+            # Whatever ends this function, no task goes on.
+            stack.callback(process.kill)
+            idle.put(process)
+        stack.callback(pool.shutdown, wait=False, cancel_futures=True)
+
+        def ask(arguments: tuple[Any, ...]) -> Any:
+            process = idle.get()
+            try:
+                pickle.dump((function, (*arguments, *shared)), process.stdin)
+                process.stdin.flush()  # pyright: ignore[reportOptionalMemberAccess]
+                return pickle.load(process.stdout)  # pyright: ignore[reportArgumentType]
+            except (EOFError, OSError, pickle.UnpicklingError):
+                message = "a process that simulates ended: is there enough memory?"
+                return CablecastError(message)
+            finally:
+                idle.put(process)
+
+        waiting = {pool.submit(ask, arguments): number for number, arguments in tasks}
+        for done in concurrent.futures.as_completed(waiting):
+            result = done.result()
+            if isinstance(result, BaseException):
+                raise result
+            yield waiting[done], result
+
+
+def serve() -> None:
+    """Answer tasks from standard input until it ends; see `run_tasks`."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers = os.fdopen(os.dup(1), "wb")
+    # Libraries may print; an answer must stay whole.
+    os.dup2(2, 1)
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while True:
+            function, arguments = pickle.load(sys.stdin.buffer)
+            try:
+                result = function(*arguments)
+            except Exception as error:
+                result = error
+            pickle.dump(result, answers)
+            answers.flush()
 
 
 def _run_on_ray(

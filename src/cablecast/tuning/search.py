@@ -25,6 +25,9 @@ from cablecast.runs.folder import Parts
 RECOMBINATION = 0.7
 MUTATION = (0.5, 1.0)
 """The paper's values, which are SciPy's defaults (arXiv source of the paper)."""
+TOLERANCE = 0.01
+"""A search has converged when the standard deviation of its losses is this share of their mean, as
+SciPy's does by default: the paper states no end."""
 
 POPULATION_MIN = 4
 """Minimum for the strategy best1bin: a member, the best, and two others."""
@@ -83,14 +86,10 @@ class SearchDE:
         self.population = np.where(better[:, None], candidates, self.population)
         self.losses = np.where(better, losses, self.losses)
 
-    def shrink(self, population_size: int) -> None:
-        """Keep the best members."""
-        best = np.argsort(self.losses, kind="stable")[:population_size]
-        self.population, self.losses = self.population[best], self.losses[best]
-
-    def restart(self, losses: NDArray[np.float64]) -> None:
-        """Keep the population with new losses."""
-        self.losses = np.array(losses, dtype=float)
+    @property
+    def converged(self) -> bool:
+        """Whether the members are equally good, see `TOLERANCE`."""
+        return bool(self.losses.std() <= TOLERANCE * abs(self.losses.mean()))
 
 
 def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -12,12 +12,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import PAPER_PARAMS, Cable, CableParams
 from cablecast.engines.base import Engine
-from cablecast.errors import (
-    InputError,
-    check_count,
-    check_ranges,
-    check_seed,
-)
+from cablecast.errors import InputError, check_count, check_seed
 from cablecast.runs.folder import Parts
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.tuning.ensemble import MEMBER_COUNT, Ensemble, fit_ensemble
@@ -41,59 +36,34 @@ CANDIDATE_MAX = 100_000
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TuneConfig:
-    """Settings of the search.
-
-    Most generations are simulated coarsely, which is two to three times cheaper. The best members
-    then continue at the resolution at which the parameters will be used, because a coarse cable
-    fits the same tracks with slightly different parameters. The coarser it is, the more its best
-    parameters differ from those at full resolution.
+    """Settings of the paper's search, at the resolution at which the result is used.
 
     Attributes:
-        population_size: Number of candidates of a coarse generation. The paper's was 10, one for
-            each parameter.
-        coarse_generations: Number of generations at the coarse resolution.
-        fine_population_size: Number of candidates of a fine generation.
-        fine_generations: Number of generations at the fine resolution.
-        coarse_segment_count: Number of segments of the coarse cable.
-        coarse_dt: Step of the coarse simulation [s].
+        population_size: Number of candidates of a generation; the paper's 10, one for each
+            parameter.
+        generations: Largest number of generations after the first; a search that has converged
+            ends earlier. The paper does not state its number.
         seed: Seed of the search.
     """
 
-    population_size: int = 48
-    coarse_generations: int = 60
-    fine_population_size: int = 24
-    fine_generations: int = 25
-    coarse_segment_count: int = 30
-    coarse_dt: float = 1e-3
+    population_size: int = 10
+    generations: int = 200
     seed: int = 0
 
     def __post_init__(self):
-        for name, low, high in (
-            ("population_size", POPULATION_MIN, POPULATION_MAX),
-            ("coarse_generations", 0, GENERATION_MAX),
-            ("fine_population_size", POPULATION_MIN, POPULATION_MAX),
-            ("fine_generations", 1, GENERATION_MAX),
-            ("coarse_segment_count", 2, 1000),
-        ):
-            check_count(name, getattr(self, name), low, high)
-        check_ranges(self, {"coarse_dt": (1e-7, 1e-2, "s")})
+        check_count("population_size", self.population_size, POPULATION_MIN, POPULATION_MAX)
+        check_count("generations", self.generations, 1, GENERATION_MAX)
         check_seed(self.seed)
-        if self.fine_population_size > self.population_size:
-            raise InputError(
-                f"fine_population_size = {self.fine_population_size} must be at most "
-                f"population_size = {self.population_size}"
-            )
         if self.candidate_count > CANDIDATE_MAX:
             raise InputError(
-                f"population sizes and generations make {self.candidate_count} candidates: they "
+                f"population size and generations make {self.candidate_count} candidates: they "
                 f"must be at most {CANDIDATE_MAX}"
             )
 
     @property
     def candidate_count(self) -> int:
-        """Number of candidates that the search simulates."""
-        coarse = self.coarse_generations * self.population_size
-        return coarse + self.fine_population_size * (1 + self.fine_generations)
+        """Largest number of candidates that the search simulates."""
+        return self.population_size * (1 + self.generations)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -162,7 +132,6 @@ def tune_params(
     cable: Cable,
     training: MeasuredTracks,
     validation: MeasuredTracks,
-    coarse_engine: Engine,
     engine: Engine,
     config: TuneConfig | None = None,
     *,
@@ -176,8 +145,7 @@ def tune_params(
             comparison with the result.
         training: Tracks for the loss.
         validation: Tracks for validating the result.
-        coarse_engine: Simulator of the coarse stage.
-        engine: Simulator of the fine stage, at the resolution at which the result will be used.
+        engine: Simulator, at the resolution at which the result will be used.
         config: Settings of the search.
         checkpoint: Folder of the evaluated generations, from which the search resumes.
         progress: Called after every generation.
@@ -190,33 +158,23 @@ def tune_params(
     space = SearchSpace.for_cable(cable)
     search = SearchDE(space.to_unit(cable.params), config.population_size, config.seed)
     stored = Checkpoint(checkpoint)
-    log = _Log(cable, progress, config.coarse_generations + 1 + config.fine_generations, stored)
-    objectives = {
-        COARSE: TrackObjective(coarse_engine, cable, training),
-        FINE: TrackObjective(engine, cable, training),
-    }
+    log = _Log(cable, progress, 1 + config.generations, stored)
+    objective = TrackObjective(engine, cable, training)
     # Created here so that unusable validation tracks are refused before the search, not after it.
     unseen = TrackObjective(engine, cable, validation)
 
-    def evaluate(stage: str, candidates: NDArray[np.float64], *, restarts: bool = False) -> None:
-        def losses(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
-            return objectives[stage].distances(space.to_params(candidates)).loss
+    def losses(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+        return objective.distances(space.to_params(candidates)).loss
 
-        found, is_new = stored.losses(stage, candidates, losses)
-        log.counts[stage] += len(candidates) * len(training)
-        if restarts:
-            search.restart(found)
-        else:
-            search.tell(candidates, found)
+    for generation in range(1 + config.generations):
+        if generation and search.converged:
+            break
+        candidates = search.ask()
+        found, is_new = stored.losses(FINE, candidates, losses)
+        log.counts[FINE] += len(candidates) * len(training)
+        search.tell(candidates, found)
         best, spread = float(search.losses.min()), float(search.losses.std())
-        log.add(stage, best, spread, report=is_new)
-
-    for _ in range(config.coarse_generations):
-        evaluate(COARSE, search.ask())
-    search.shrink(config.fine_population_size)
-    evaluate(FINE, search.population, restarts=True)
-    for _ in range(config.fine_generations):
-        evaluate(FINE, search.ask())
+        log.add(FINE, best, spread, report=is_new)
 
     params = space.to_params(search.population[np.argmin(search.losses)])
     both = CableParams.stack([cable.params, params])
@@ -225,12 +183,12 @@ def tune_params(
         population=space.to_params(search.population),
         population_losses=search.losses,
         space=space,
-        training=objectives[FINE].distances(both),
+        training=objective.distances(both),
         validation=unseen.distances(both),
         training_status=training.status,
         validation_status=validation.status,
         simulation_count=log.count,
-        coarse_simulation_count=log.counts[COARSE],
+        coarse_simulation_count=0,
         seconds=stored.seconds,
         history=log.history,
     )
