@@ -11,7 +11,7 @@ from cablecast.camera.settings import CameraSettings
 from cablecast.errors import CameraError, InputError
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration
-from cablecast.vision.live import Brightness, CameraFacts, Frame, FrameWatch
+from cablecast.vision.live import SHARPNESS_MIN, Brightness, CameraFacts, Frame, FrameWatch
 from cablecast.vision.tags import detect_tags, load_cv2
 from cablecast.vision.tracker import (
     Chroma,
@@ -42,8 +42,8 @@ _REPEATED_MIN = 0.02
 _RATE_SHARE_MIN = 0.95
 _EXPOSURE_CHANGE = 1.2
 _DARK, _CLIPPED_MAX = 45.0, 0.05
-_SHARPNESS_MIN, _REFOCUSED = 0.36, 0.8
-"""Sharpness of a picture, and the least share of it that stays while a lens keeps its focus [-]."""
+_REFOCUSED = 0.8
+"""Least share of its sharpness that stays while a lens keeps its focus [-]."""
 _RMS_MAX, _RMS_MAX_PX = 0.003, 1.0
 """Misfit of the tags that is worth a word: above both, for small pictures are coarse [m], [px]."""
 _MARKER_WIDTH_MIN = 5.5
@@ -128,7 +128,8 @@ class CameraReport:
         drift: Change of blue, green and red against their mean from begin to end [-], shape [3].
         duration: Time that was looked at [s].
         brightness: Brightness of the last picture.
-        refocused: Sharpness of the least sharp picture as a share of that of the sharpest [-].
+        refocused: Sharpness of the least sharp picture as a share of that of a focused lens, or of
+            the sharpest if none was focused [-].
         failure: What is wrong with the pictures (frozen, dark); None if nothing is.
         tags_seen: Numbers of the layout's tags that were seen.
         tag_count: Number of tags of the layout.
@@ -237,7 +238,7 @@ class CameraReport:
                 f"the focus changed in {self.duration:.1f} s, to {100 * self.refocused:.0f} % of "
                 "the sharpness: switch automatic focus off"
             )
-        if self.brightness.sharpness < _SHARPNESS_MIN:
+        if self.brightness.sharpness < SHARPNESS_MIN:
             said.append("the picture is blurred: focus the lens on the table, and clean it")
         length = self.settings.marker[0]
         if self.blur > length:
@@ -420,7 +421,8 @@ class CameraCheck:
             drift=np.median(tints[-count:], axis=0) / np.median(tints[:count], axis=0) - 1.0,
             duration=float(times[-1]),
             brightness=Brightness.of(image),
-            refocused=min(self._sharpness, default=1.0) / max(self._sharpness, default=1.0),
+            refocused=min(self._sharpness, default=1.0)
+            / min(max(self._sharpness, default=1.0), SHARPNESS_MIN),
             failure=self._failure,
             tags_seen=tuple(sorted(ids)),
             tag_count=len(tags_of(self._setup).tags),

@@ -252,8 +252,9 @@ be saturated, the floor and the tags' ink are not."""
 
 _EDGE_SHARE, _EDGE_MIN, _BLUR_CHANGE = 0.002, 25.0, 0.75
 """Share of the pixels that are the strongest edges, least height of these, of 255, and factor of
-their sharpness since the calibration below which the lens has lost its focus: that of a blur by
-2 px is 0.6."""
+their sharpness since the calibration below which the lens has lost its focus."""
+SHARPNESS_MIN = 0.36
+"""Sharpness of a lens that is focused: a blur by 1 px has that much, and light does not matter."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -339,7 +340,7 @@ class FrameWatch:
                 f"{100 * now.clipped:.0f} % of it are white: the light or the exposure has "
                 "changed. Switch automatic exposure off, and start anew"
             )
-        if now.sharpness < _BLUR_CHANGE * self._usual.sharpness:
+        if now.sharpness < min(_BLUR_CHANGE * self._usual.sharpness, SHARPNESS_MIN):
             raise CameraError(
                 f"{where} is out of focus: edges are {now.sharpness / self._usual.sharpness:.2f} "
                 "times as sharp as when it was calibrated. Switch automatic focus off, and start "
