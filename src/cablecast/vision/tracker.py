@@ -651,8 +651,9 @@ class EndpointTracker:
         window, start_xy = self._frame, self._start_xy
         if start_xy is not None:
             reach = self.config.start_radius + self.config.marker.length
-            about = reach * np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) + start_xy
-            pixels = self.view.to_image(np.insert(about, 2, self.config.marker_z, axis=1))
+            about = np.array([[0, 0, 0], [-1, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]])
+            centre = np.array([*start_xy, self.config.marker_z])
+            pixels = self.view.to_image(centre + reach * about)
             window = self._around(pixels[0], float(np.abs(pixels[1:] - pixels[0]).max()))
         found = self._candidate(window, time, grab)
         if found is None and (even := self._even(window, time, grab)) is not None:
