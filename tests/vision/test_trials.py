@@ -15,6 +15,8 @@ from cablecast.cable import load_cable
 from cablecast.camera.settings import CameraSettings
 from cablecast.cast import TrialStatus
 from cablecast.errors import CameraError, InputError
+from cablecast.motion.polar import reset_pose
+from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.virtual.camera_stream import MOVED_TAG, CameraStream
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
@@ -115,6 +117,24 @@ def test_landings_over_the_network_agree_with_the_truth_to_three_millimetres(cam
         misses.append(track.final_xy - truth[-1])
     errors = np.linalg.norm(misses, axis=1)
     assert np.sqrt(np.mean(errors**2)) < LANDING_RMS
+
+
+def test_the_camera_sees_after_a_trial_whether_the_jaws_hold_the_cable(camera, player):
+    home = camera.setup.arm.inverse(np.asarray(reset_pose(Setup().workspace), dtype=float))
+    q = np.repeat(home[None], 2, axis=0)
+    standing = JointPath(times=np.array([0.0, 0.6]), q=q, qd=0 * q)
+    for gap, expected in ((0.0, True), (0.25, False)):
+        trial = sweep((0.3, 1.1))
+        # One that slips out as the motion begins.
+        away = trial.nodes + np.array([0.0, gap, 0.0])
+        nodes = np.where(trial.times[:, None, None] > 0.05, away, trial.nodes)
+        trial = dataclasses.replace(trial, nodes=nodes, joint_path=standing)
+        camera.check(player.rewind(trial))
+        camera.start()
+        timing = dataclasses.replace(player.cast(), joint_path=standing)
+        assert camera.stop(timing).status is TrialStatus.OK
+        assert camera.into_sight(home) is home
+        assert camera.holds_cable(home, timing.end_time) is expected
 
 
 def test_the_film_of_a_trial_is_kept_with_its_times(camera):

@@ -19,6 +19,7 @@ from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration, calibrate_view
 from cablecast.vision.clock import CastClock, ClockOffset, controller_shift
 from cablecast.vision.end_tag import make_tracker
+from cablecast.vision.grip import is_held, turned_into_sight
 from cablecast.vision.live import Brightness, Frame, FrameWatch, LiveCamera
 from cablecast.vision.tags import detect_tags
 from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, sight_of
@@ -137,6 +138,8 @@ class CameraOfTrials:
         self._opened_at = time.strftime("%Y%m%d-%H%M%S")
         self._film_count = 0
         self._filming: _Filming | None = None
+        # First picture of a trial, and the joints in it.
+        self._before: tuple[NDArray[np.uint8] | None, NDArray[np.float64] | None] = (None, None)
         self._last_xy: NDArray[np.float64] | None = None
         self._camera = LiveCamera(self.settings)
         try:
@@ -204,7 +207,11 @@ class CameraOfTrials:
         self._cast_clock = clock = CastClock(self._camera.facts.width, self.settings.row_time)
         watch = FrameWatch(self.settings.source, self._usual)
 
+        self._before = (None, None)
+
         def look(frame: Frame) -> None:
+            if self._before[0] is None:
+                self._before = (frame.image, None)
             # One that the driver repeats shows the marker where it was.
             if watch.look(frame):
                 _track(tracker, frame)
@@ -250,6 +257,8 @@ class CameraOfTrials:
         if filming.latest is not None:
             self._latest = filming.latest.image
         self._sight = sight_of(self._tracker)
+        if timing.joint_path is not None:
+            self._before = (self._before[0], timing.joint_path.q[0])
         track = self._tracker.track(timing.end_time - timing.start_time, start + late)
         if track.status is TrialStatus.OCCLUDED and filming.dropped_count:
             raise CameraError(
@@ -292,6 +301,25 @@ class CameraOfTrials:
             f"{off}, but only {100 * found.explained:.0f} % of what moved agrees with that: run "
             "`cablecast camera sync`, and repeat the cast"
         )
+
+    def into_sight(self, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return the joints that turn the jaws in their place until the camera sees ahead of them.
+
+        None where no turn does; `q` are the joints of the standing arm [rad], shape [joint].
+        """
+        return turned_into_sight(q, self.setup.arm, self.calibration.view)
+
+    def holds_cable(self, q: NDArray[np.float64], after: float) -> bool | None:
+        """Return whether the jaws still hold the cable after the last trial.
+
+        None where the camera cannot tell; `q` are the joints of the standing arm [rad], shape
+        [joint], and `after` is as in `check`.
+        """
+        (image, start), arm = self._before, self.setup.arm
+        if image is None or start is None:
+            return None
+        now = self._fresh(1, after)[-1].image
+        return is_held((image, now), np.array([start, q]), arm, self.calibration.view)
 
     def cancel(self) -> None:
         """Drop the film of a trial that was aborted; harmless where none runs."""

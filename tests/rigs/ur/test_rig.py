@@ -77,6 +77,31 @@ def test_the_first_casts_of_a_lab_file_that_nobody_has_seen_are_rehearsed_slowly
     assert times["cablecast_rehearsal"] > 3.0 * times["cablecast_cast"]
 
 
+class HandCamera(TruthCamera):
+    """Knows what lies in the jaws, once they are turned a little."""
+
+    holds: bool | None = True
+
+    def into_sight(self, q):
+        return q + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.2])
+
+    def holds_cable(self, q, after):
+        return self.holds
+
+
+def test_a_cast_after_which_the_jaws_are_empty_is_aborted(stick, small_cast):
+    process, setup = stick
+    process.admin.clear()
+    camera = HandCamera(setup)
+    with RigQuick(setup, camera) as rig:
+        for camera.holds, status in ((None, "ok"), (False, "aborted")):
+            rig.reset()
+            track = rig.execute(small_cast)
+            assert track.status.name.lower() == status
+            assert programs(process)[-1] == "cablecast_look"
+    assert "no cable in the jaws: it slipped out in this cast" in track.note
+
+
 def _last(events, what, name):
     return [e for e in events if e["what"] == what and e["name"] == name][-1]
 
@@ -199,7 +224,7 @@ def test_a_cable_that_slips_out_of_the_jaws_in_mid_cast_is_no_data(twin, wide_ca
         track = rig.execute(wide_cast)
         process.admin.clear()
     assert track.status is TrialStatus.ABORTED
-    assert "it slipped out of the jaws" in track.note
+    assert "no cable in the jaws: it slipped out in this cast" in track.note
 
 
 def test_a_rig_without_robot_or_with_an_arm_that_nobody_measured_is_refused(twin):

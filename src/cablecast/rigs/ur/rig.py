@@ -12,7 +12,7 @@ from cablecast.arm.robot import RobotConfig
 from cablecast.arm.ur import ArmUR
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
-from cablecast.errors import CablecastError, InputError, RigError
+from cablecast.errors import CablecastError, InputError, JointLimitError, RigError
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
@@ -41,9 +41,8 @@ STRAIGHT_ASIDE, STRAIGHT_AHEAD = 0.03, 0.95
 """Largest distance aside of an endpoint after a reset [share of the cable's length], and smallest
 ahead [share]."""
 
-SLIP_DISTANCE = 0.06
-"""Distance beyond the free length of a cable from which it has slipped [m]: camera, calibration and
-clocks together are off by less."""
+TURN_SPEED = 0.8
+"""Largest speed of a joint that turns the jaws into the camera's sight [rad/s]."""
 
 _STILL_TIME = 0.3
 _HANG_STILL_TIME = 1.0
@@ -135,9 +134,14 @@ class RigUR(RigLifecycle):
             filming = False
             track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
             self.last_timing = timing
+            lost = track.status is TrialStatus.OK and self._has_lost_cable(link)
             link.set_phase(Phase.IDLE)
-            slip = find_slip(track, self.setup, self.sight())
-            return track if slip is None else _aborted(slip)
+            if lost:
+                return _aborted(
+                    "the camera sees no cable in the jaws: it slipped out in this cast. Grip it as "
+                    "before"
+                )
+            return track
         finally:
             if filming:
                 self.camera.cancel()
@@ -231,6 +235,26 @@ class RigUR(RigLifecycle):
         since = link.latest().time - _STILL_TIME / 2
         return np.mean([r.q for r in link.since(since)], axis=0)
 
+    def _has_lost_cable(self, link: UrLink) -> bool:
+        """Return whether the camera sees that the jaws are empty; turn them to where it sees them.
+
+        A camera need not know: the protocol does not ask for it.
+        """
+        camera: Any = self.camera
+        q = self._at_rest(link)
+        seen = camera.into_sight(q) if hasattr(camera, "into_sight") else None
+        if seen is None:
+            return False
+        if seen is not q:
+            way = joint_move(q, seen, TURN_SPEED)
+            try:
+                check_path(way, self.setup, "the turn of the jaws")
+            except JointLimitError:
+                return False
+            self._play("cablecast_look", way, Phase.READOUT)
+            q = self._at_rest(link)
+        return camera.holds_cable(q, link.latest().time) is False
+
     def _wait(self, link: UrLink, duration: float) -> None:
         """Wait by the controller's clock."""
         end = link.latest().time + duration
@@ -250,40 +274,6 @@ def _aborted(why: str) -> EndpointTrack:
         endpoint_xy=np.full((1, 2), np.nan),
         status=TrialStatus.ABORTED,
         note=why,
-    )
-
-
-def find_slip(track: EndpointTrack, setup: Setup, sight: CameraSight | None) -> str | None:
-    """Return in words that an endpoint was where the gripped cable cannot reach, or None.
-
-    A raised endpoint is seen farther from the camera than it is: it may be anywhere on the ray from
-    there to the camera. Two samples must say so, for one may be a marker that was mistaken.
-
-    Args:
-        track: Track with the joints that the arm reported.
-        setup: Gives the arm and the length of the cable.
-        sight: Place of the camera; where None, endpoints are seen from straight above.
-    """
-    joints, cable = track.joint_path, setup.cable
-    if joints is None or track.status is TrialStatus.ABORTED:
-        return None
-    grip = setup.arm.grip_pose(joints.q)[:, :3]
-    grip = np.stack([np.interp(track.times, joints.times, grip[:, k]) for k in range(3)], axis=1)
-    low = np.column_stack([track.endpoint_xy, np.full(len(track.times), cable.radius)])
-    ray = np.array([0.0, 0.0, 1.0]) + np.zeros_like(low)
-    if sight is not None:
-        ray = np.asarray(sight.position) - low
-    # Nearest point of the ray above the table.
-    share = np.einsum("ij,ij->i", grip - low, ray) / np.einsum("ij,ij->i", ray, ray)
-    nearest = low + np.maximum(share, 0.0)[:, None] * ray
-    apart = np.linalg.norm(nearest - grip, axis=1)
-    apart = np.sort(apart[np.isfinite(apart)])[::-1]
-    length = cable.length + cable.attachment_length
-    if len(apart) < 2 or apart[1] <= length + SLIP_DISTANCE:
-        return None
-    return (
-        f"the end of the cable was seen {apart[1]:.2f} m from the grip, and {length:.2f} m are "
-        "free: it slipped out of the jaws, or the camera saw something else. Grip it as before"
     )
 
 

@@ -387,6 +387,11 @@ class LiveCable:
             self._slipped = True
             self.nodes = self._free_part(self.nodes)
 
+    @property
+    def is_held(self) -> bool:
+        """Whether the jaws hold the cable, wherever."""
+        return self._loose is None
+
     def drop(self) -> None:
         """Let the cable slip out of the jaws: until it is gripped anew, no pose moves it.
 

@@ -362,6 +362,7 @@ class TwinLaboratory:
                 "at_rest": self.controller.at_rest,
                 "q": self.controller.arm.q.tolist(),
                 "tip": _plain(self._nodes()[-1]),
+                "holds_cable": self.cable is None or self.cable.is_held,
                 "faults": len(self.faults),
             }
         except (CablecastError, ValueError, KeyError, TypeError, AttributeError) as error:

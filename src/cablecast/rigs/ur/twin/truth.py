@@ -72,6 +72,14 @@ class TruthCamera:
         """Return where the endpoint is now [m], shape [2]."""
         return np.array(self._twin.state()["tip"][:2], dtype=float)
 
+    def into_sight(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the joints themselves: nothing hides the truth."""
+        return q
+
+    def holds_cable(self, q: NDArray[np.float64], after: float) -> bool:
+        """Return whether the jaws hold the cable."""
+        return bool(self._twin.state()["holds_cable"])
+
     def close(self) -> None:
         """Close the connection."""
         self._twin.close()
