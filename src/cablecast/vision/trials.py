@@ -206,7 +206,6 @@ class CameraOfTrials:
         self._tracker = tracker = self._new_tracker(self._start_xy)
         self._cast_clock = clock = CastClock(self._camera.facts.width, self.settings.row_time)
         watch = FrameWatch(self.settings.source, self._usual)
-
         self._before = (None, None)
 
         def look(frame: Frame) -> None:
