@@ -144,7 +144,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "sensitivity": ("sensitivity --count 40", 0.1),
     "convergence-attachments": ("convergence --attachments --count 40", 0.1),
     "convergence": ("convergence", 0.15),
-    "stability": ("stability --share 0.1", 0.1),
+    "stability": ("stability", 0.25),
     "engines": ("engines", 0.5),
     "peers": ("peers", 1.0),
     "mocap": ("mocap --data DIR", 1.0),

@@ -119,11 +119,6 @@ def test_a_file_that_a_person_wrote_needs_the_parameters_alone(tmp_path):
     assert load_tuned(file, SETUP).dynamics.servo is None
 
 
-def test_a_material_of_an_earlier_version_is_not_ignored(file):
-    values = {"params": PARAMS, "material": {"damping_time": 0.01}}
-    assert "was written by an earlier version" in refusal(file, json.dumps(values))
-
-
 def test_a_missing_file_says_how_to_make_one(tmp_path):
     with pytest.raises(InputError, match="cablecast tune"):
         load_tuned(tmp_path / "params.json", SETUP)

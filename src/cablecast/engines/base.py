@@ -401,10 +401,9 @@ def rows_of(values: Any, worlds: NDArray[np.int_]) -> Any:
 
 
 def merge(parts: list[tuple[NDArray[np.int_], Rollout]]) -> Rollout:
-    """Return the rollout of a batch from those of its parts.
+    """Return the rollout of a batch from those of its parts, and the indices of their worlds.
 
-    Args:
-        parts: Indices of worlds, and their rollout; together they name each world once.
+    Together they name each world once.
     """
     if len(parts) == 1:
         return parts[0][1]

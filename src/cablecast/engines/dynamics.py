@@ -28,12 +28,7 @@ class Dynamics:
 
     @classmethod
     def of(cls, value: "Dynamics | CableParams | None", setup: Setup) -> "Dynamics":
-        """Return the dynamics to simulate with.
-
-        Args:
-            value: Dynamics, parameters alone, or None for the cable's own.
-            setup: Set-up to simulate.
-        """
+        """Return the dynamics of a set-up; None stands for its cable's own parameters."""
         if isinstance(value, Dynamics):
             return value
         return cls(params=setup.cable.params if value is None else value)
@@ -54,10 +49,7 @@ class Dynamics:
 
     @classmethod
     def stack(cls, dynamics: "Sequence[Dynamics]") -> "Dynamics":
-        """Return the dynamics of some casts as one, without servo.
-
-        Args:
-            dynamics: Dynamics of one cable for each cast.
+        """Return the dynamics of some casts, each of one cable, as one, without servo.
 
         Raises:
             InputError: One of several has parameters for each cast already.
@@ -98,16 +90,9 @@ class Dynamics:
         return commanded if self.servo is None else self.servo.apply(commanded, setup.arm)
 
     def rollout(self, engine: Engine, setup: Setup, commanded: GripPath, **options: Any) -> Rollout:
-        """Simulate casts.
+        """Simulate casts along commanded paths of the gripper.
 
-        Args:
-            engine: Simulator.
-            setup: Cable, workspace, arm and motion settings.
-            commanded: Paths that the gripper is commanded to take.
-            **options: Arguments of `Engine.rollout` after the path.
-
-        Raises:
-            InputError: See `Engine.rollout`.
+        Options are those of `Engine.rollout` after the path.
         """
         cable = setup.cable.with_params(self.params)
         return engine.rollout(cable, self.follow(commanded, setup), **options)

@@ -73,14 +73,7 @@ def rod_model(cable: Cable, segment_count: int, dt: float, gravity: float, *, he
     """Return the model as XML, with the cable straight along y from the origin.
 
     Stiffness, masses, friction and damping are placeholders of 1 that the engine replaces for each
-    world.
-
-    Args:
-        cable: Geometry.
-        segment_count: Number of segments.
-        dt: Step [s].
-        gravity: Acceleration of free fall [m/s²].
-        held: True where the far end is driven along a path, too.
+    world. `held` is true where the far end is driven along a path, too.
     """
     count = segment_count
     length = cable.length / count

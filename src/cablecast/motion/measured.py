@@ -51,9 +51,7 @@ def grip_path_from_joints(joint_path: JointPath, arm: Arm) -> GripPath:
 def grip_path_from_poses(times: NDArray[np.float64], poses: NDArray[np.float64]) -> GripPath:
     """Fit a path as `grip_path_from_joints` to poses that a camera tracked, of a grip without arm.
 
-    Args:
-        times: Times of the poses [s], shape [sample].
-        poses: x, y, z [m], yaw and pitch [rad], shape [sample, 5].
+    Poses are x, y, z [m], yaw and pitch [rad], shape [sample, 5], at times [s], shape [sample].
     """
     return _fit_path(times, poses, "grip poses")
 

@@ -138,13 +138,7 @@ def run_trials(
 ) -> list[EndpointTrack]:
     """Reset and execute for each trajectory, at once where the rig can do that.
 
-    Args:
-        rig: Any rig.
-        trajectories: One per trial.
-        progress: Called with the number of finished trials whenever it grows.
-
-    Returns:
-        One track per trajectory, in the same order.
+    Return their tracks in the same order; `progress` is told the number of finished trials.
     """
     execute_many = getattr(rig, "execute_many", None)
     if callable(execute_many):

@@ -72,12 +72,7 @@ class RigEngine(RigLifecycle):
         trajectories: Sequence[Trajectory],
         progress: Callable[[int], None] | None = None,
     ) -> list[EndpointTrack]:
-        """Simulate many motions in one batch, each from the reset state.
-
-        Args:
-            trajectories: One per trial.
-            progress: Called with the number of finished trials.
-        """
+        """Simulate many motions in one batch, each from the reset state; see `run_trials`."""
         self._check_open()
         self._is_reset = False
         tracks = self._simulate(trajectories) if trajectories else []
@@ -115,10 +110,6 @@ def status_of(endpoint_xy: NDArray[np.float64], workspace: Workspace) -> TrialSt
     """Return how a simulated trial ended.
 
     The simulated plane has no edge: an endpoint that ends beyond that of the table has left it.
-
-    Args:
-        endpoint_xy: Path of the endpoint [m], shape [step, 2].
-        workspace: Gives the table's edges.
     """
     if not np.all(np.isfinite(endpoint_xy)):
         return TrialStatus.NON_FINITE

@@ -19,9 +19,7 @@ CHECK_FOLDER = "check"
 def cable_folder(cable_name: str) -> pathlib.Path:
     """Return the folder of a cable's results, e.g. runs/cable_1.
 
-    Args:
-        cable_name: Name of the cable, which may come from a user's file: characters that do not
-            belong in a file name are replaced.
+    The name may come from a user's file: characters that do not belong in a file are replaced.
     """
     return RUNS_FOLDER / (re.sub(r"[^\w.-]+", "_", cable_name).strip(".") or "cable")
 

@@ -82,11 +82,9 @@ class Ensemble:
 
 
 def other_materials(params: CableParams, length: float) -> tuple[CableParams, ...]:
-    """Return parameters with other materials, `MEMBER_COUNT` in all; the first are as they were.
+    """Return `MEMBER_COUNT` parameters of a cable of a length [m], each with another material.
 
-    Args:
-        params: Parameters of one cable.
-        length: Length of the cable [m].
+    The first are as they were.
     """
 
     def changed(**values: float) -> CableParams:
@@ -105,13 +103,10 @@ def other_materials(params: CableParams, length: float) -> tuple[CableParams, ..
 
 
 def believed_ensemble(cable: Cable, fine_engine: Engine, seed: int) -> Ensemble:
-    """Return simulators of what a cable may be before any cast.
+    """Return simulators of what a cable may be before any cast, by its values and deviations.
 
-    Args:
-        cable: Cable with its believed values and deviations.
-        fine_engine: Engine that simulates the most likely cable.
-        seed: Seed of the draws of parameters and material; the first simulator has the most likely
-            ones.
+    The first has the most likely parameters and material, and `fine_engine` simulates it; the seed
+    draws those of the others.
     """
     config = FitConfig()
     space = SearchSpace.for_cable(cable, config.materials)
@@ -188,10 +183,7 @@ class ParamUpdate:
         self._known: dict[bytes, Curvature] = {}
 
     def params_after(self, tracks: MeasuredTracks) -> CableParams:
-        """Return the parameters after one step; those at its start where no step is better.
-
-        Args:
-            tracks: New casts, of which some sample can be compared with a simulation.
+        """Return the parameters after one step to new casts; as they were where none is better.
 
         Raises:
             InputError: No sample of any track can be compared.

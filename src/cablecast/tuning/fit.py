@@ -187,10 +187,8 @@ class TrackFit:
     ) -> FitState:
         """Take the first step of a fit, without simulating the points on their own before.
 
-        Args:
-            points: Unit coordinates, shape [point, coordinate].
-            misfit: Scale b of the model's own error [cable lengths].
-            curvatures: Quadratic models of F at the points; simulated where None.
+        The quadratic models of F at the points are simulated where none are given; the misfit is
+        the scale b of the model's own error [cable lengths].
         """
         unknown = np.full(len(points), np.nan)
         dampings = np.ones(len(points))
@@ -304,13 +302,9 @@ class TrackFit:
         return ratio * float(widths[_WORKSURFACE] / widths[_LATERAL])
 
     def _offsets(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return offsets of simulated from measured endpoints, 0 where none was measured.
+        """Return offsets of simulated from measured endpoints at points of the unit cube.
 
-        Args:
-            points: Unit coordinates, shape [point, coordinate].
-
-        Returns:
-            Offsets [cable lengths], shape [point, trial, sample, 2].
+        They are in cable lengths, 0 where none was measured, shape [point, trial, sample, 2].
         """
         objective = self.objective
         tracks = objective.tracks

@@ -95,13 +95,7 @@ class SearchDE:
 def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return points of the unit cube, one in each of `count` intervals of every coordinate.
 
-    Args:
-        count: Number of points.
-        dimension: Number of coordinates.
-        rng: Random generator.
-
-    Returns:
-        Points, shape [count, dimension].
+    Their shape is [count, dimension].
     """
     cells = np.argsort(rng.random((dimension, count)), axis=1).T
     return (cells + rng.random((count, dimension))) / count

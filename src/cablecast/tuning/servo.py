@@ -112,14 +112,9 @@ class _Motions:
         )
 
     def weights(self, lag: float = 0.0) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the cubic interpolation from the ticks to the sample times.
+        """Return the cubic interpolation from the ticks to the sample times, late by a lag [s].
 
-        Args:
-            lag: Time by which the values arrive late [s].
-
-        Returns:
-            Indices into the flattened [trial, tick] axes and Lagrange weights, each of shape
-            [4, sample].
+        Indices into the flattened [trial, tick] axes and Lagrange weights have shape [4, sample].
         """
         tick_count = self.q.shape[1]
         place = np.clip((self.times - lag) / TICK, 0.0, tick_count - 1.0)

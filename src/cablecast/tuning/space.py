@@ -39,13 +39,9 @@ YIELD_TIME = 0.4
 def from_unit(
     unit: ArrayLike, low: ArrayLike, high: ArrayLike, logarithmic: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return the values at places in their ranges.
+    """Return the values at places in ranges, 0 at the low end and 1 at the high one.
 
-    Args:
-        unit: Places, 0 at the low end and 1 at the high one; others are clipped.
-        low: Lower bounds.
-        high: Upper bounds.
-        logarithmic: True for a logarithmic scale.
+    Other places are clipped.
     """
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     unit = np.clip(unit, 0.0, 1.0)
@@ -59,14 +55,7 @@ def from_unit(
 def to_unit(
     values: ArrayLike, low: ArrayLike, high: ArrayLike, logarithmic: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return the places of values in their ranges; values outside are clipped.
-
-    Args:
-        values: Values.
-        low: Lower bounds.
-        high: Upper bounds.
-        logarithmic: True for a logarithmic scale.
-    """
+    """Return the places of values in ranges, as `from_unit`; values outside are clipped."""
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     values = np.clip(values, low, high)
     least, most = np.where(logarithmic, low, 1.0), np.where(logarithmic, high, np.e)
@@ -122,11 +111,7 @@ class SearchSpace:
         return to_unit(values, self.low, self.high, self.logarithmic)
 
     def of_paper(self, base: CableParams | None = None) -> "SearchSpace":
-        """Return the space of the ten parameters of the paper.
-
-        Args:
-            base: Gives the values of all others; those of this space where None.
-        """
+        """Return the space of the ten parameters of the paper; `base` gives all others."""
         ten = len(PAPER_PARAMS)
         return SearchSpace(
             names=PAPER_PARAMS,
@@ -150,11 +135,8 @@ class SearchSpace:
         If a believed value is zero, a stiffness takes the range of the other stiffness, and the
         endpoint mass ranges up to half of the cable's mass.
 
-        Args:
-            cable: Cable with its believed parameters.
-            materials: Material parameters to find beside the ten, some of `FITTED_MATERIAL`. One
-                that the cable's file gives is kept, and so is the arm of a cable without
-                attachment.
+        Materials are parameters to find beside the ten, some of `FITTED_MATERIAL`. One that the
+        cable's file gives is kept, and so is the arm of a cable without attachment.
 
         Raises:
             InputError: The cable's parameters are given per world, or a name is unknown.
@@ -268,12 +250,7 @@ class ParamPrior:
 
     @classmethod
     def for_cable(cls, cable: Cable, space: SearchSpace) -> "ParamPrior":
-        """Return what is believed of a cable before any cast, in the coordinates of a space.
-
-        Args:
-            cable: Cable with its believed values and deviations.
-            space: Ranges of the search.
-        """
+        """Return what is believed of a cable before any cast, in the coordinates of a space."""
         usual, deviation = {}, []
         for name in space.names:
             info = PARAMS[name]
@@ -299,15 +276,7 @@ class ParamPrior:
         )
 
     def draw(self, count: int, seed: int) -> NDArray[np.float64]:
-        """Draw points in the unit cube; the first one is the mean.
-
-        Args:
-            count: Number of points.
-            seed: Seed of the draws.
-
-        Returns:
-            Unit coordinates, shape [count, name].
-        """
+        """Draw points in the unit cube, shape [count, name]; the first one is the mean."""
         rng = np.random.default_rng([seed, 11])
         points = self.mean + self.deviation * rng.normal(size=(count, len(self.mean)))
         points[0] = self.mean
@@ -351,11 +320,7 @@ class ParamPosterior:
 
     @classmethod
     def before_casts(cls, cable: Cable) -> "ParamPosterior":
-        """Return what is believed of a cable before any cast.
-
-        Args:
-            cable: Cable with its believed values and deviations.
-        """
+        """Return what is believed of a cable before any cast."""
         space = SearchSpace.for_cable(cable)
         prior = ParamPrior.for_cable(cable, space)
         return cls(
@@ -379,12 +344,7 @@ class ParamPosterior:
         return self.space.to_params(self.mean)
 
     def draw(self, count: int, seed: int = 0) -> CableParams:
-        """Draw parameters; the first set is the most likely one.
-
-        Args:
-            count: Number of sets.
-            seed: Seed of the draws.
-        """
+        """Draw a number of sets of parameters; the first one is the most likely."""
         rng = np.random.default_rng([seed, 13])
         factor = np.linalg.cholesky(self.covariance)
         points = self.mean + rng.normal(size=(count, len(self.mean))) @ factor.T
@@ -458,12 +418,9 @@ class ParamPosterior:
     def from_dict(
         cls, values: Mapping[str, Any], search_range: Mapping[str, Any], params: CableParams
     ) -> "ParamPosterior":
-        """Return the posterior that `to_dict` described.
+        """Return the posterior that `to_dict` described, and that of its space.
 
-        Args:
-            values: What `to_dict` returned.
-            search_range: What the `to_dict` of its space returned.
-            params: Parameters that were found, which give the material.
+        The parameters that were found give the material.
 
         Raises:
             InputError: A value is missing, or of another kind or shape.

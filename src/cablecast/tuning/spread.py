@@ -37,17 +37,10 @@ def spread_actions(
     ranges: ActionRanges | None = None,
     seed: int = 0,
 ) -> NDArray[np.float64]:
-    """Choose actions whose simulated landings are spread over the table.
+    """Choose actions whose simulated landings are spread over the table, shape [count, 4].
 
-    Args:
-        setup: Cable with what is believed of it, workspace, arm and motion settings.
-        count: Number of actions.
-        engine: Engine that simulates them.
-        ranges: Ranges of the actions; those that suit the set-up where None.
-        seed: Seed of everything that is drawn.
-
-    Returns:
-        Actions, by turns to the right and to the left, shape [count, 4].
+    They go to the right and to the left by turns, and are from ranges that suit the set-up where
+    none are given.
 
     Raises:
         InputError: Too few actions stay on the table, or the seed is out of bounds.
@@ -77,15 +70,9 @@ def spread_actions(
 
 
 def _middles(points: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:
-    """Divide points into parts that lie close together, and return the middle of each.
+    """Divide points [m], shape [point, 2], into `count` parts that lie close together.
 
-    Args:
-        points: Points [m], shape [point, 2].
-        count: Number of parts.
-        seed: Seed of the first middles.
-
-    Returns:
-        Middles from left to right [m], shape [part, 2].
+    Return their middles from left to right [m], shape [part, 2].
     """
     from scipy.cluster.vq import kmeans2
 

@@ -251,14 +251,10 @@ class TrackObjective:
         return len(self.tracks)
 
     def tracks_of(self, params: CableParams) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return simulated endpoints at the measured times.
+        """Return simulated endpoints of candidates at the measured times, and which are finite.
 
-        Args:
-            params: One value per candidate, or shared for one candidate.
-
-        Returns:
-            Endpoints [m], shape [candidate, trial, sample, 2]; the last sample is the end of the
-            simulation. Whether each world stayed finite, shape [candidate, trial].
+        Endpoints [m] have the shape [candidate, trial, sample, 2], whose last sample is the end of
+        the simulation; worlds that stayed finite are marked, shape [candidate, trial].
         """
         candidate_count, trial_count = params.world_count or 1, len(self.tracks)
         # Candidates vary fastest: worlds that share a lane group then follow the same motion, pass
@@ -279,11 +275,7 @@ class TrackObjective:
         return np.swapaxes(xy, 0, 1), finite.T
 
     def distances(self, params: CableParams) -> TrackDistances:
-        """Return the distances of candidates from the measured tracks.
-
-        Args:
-            params: One value per candidate, or shared for one candidate.
-        """
+        """Return the distances of candidates from the measured tracks."""
         xy, finite = self.tracks_of(params)
         penalty = NON_FINITE_DISTANCE * self.cable.length
         apart = np.linalg.norm(xy[:, :, :-1] - self.tracks.endpoint_xy, axis=-1)
@@ -330,15 +322,9 @@ class TrackObjective:
 def _interpolate(
     grid: NDArray[np.float64], values: NDArray[np.float64], times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate linearly on an even grid.
+    """Interpolate samples, shape [trial, candidate, step, 2], linearly on an even grid from 0 on.
 
-    Args:
-        grid: Ascending times of the samples from 0 [s], shape [step].
-        values: Samples, shape [trial, candidate, step, 2].
-        times: Wanted times [s], shape [trial, sample].
-
-    Returns:
-        Values at the wanted times, shape [trial, candidate, sample, 2].
+    Wanted times [s] have the shape [trial, sample], values there [trial, candidate, sample, 2].
     """
     interval = grid[1] - grid[0]
     # Round, so that a time on the grid does not mix in its neighbour, which may be NaN.

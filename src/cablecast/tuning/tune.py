@@ -108,11 +108,8 @@ def split_tracks(
 ) -> tuple[MeasuredTracks, MeasuredTracks]:
     """Split tracks into training and validation tracks; the last ones are for validation.
 
-    The actions of D_tune are in random order, so the last ones are a random sample.
-
-    Args:
-        tracks: All tracks.
-        validation_count: Number of validation tracks; a quarter if None, the paper's 20 of 80.
+    The actions of D_tune are in random order, so the last ones are a random sample: a quarter where
+    no number is given, the paper's 20 of 80.
 
     Raises:
         InputError: One side would be empty.
@@ -391,12 +388,7 @@ def _fit_in(
 ) -> _Fit:
     """Fit the parameters of a space, wider than given where the casts push against a bound.
 
-    Args:
-        space: Ranges of the ten parameters, and of material parameters to find.
-        coarse: Objective of the first steps.
-        fine: Objective of the last steps.
-        config: Settings of the fit.
-        log: Records every step.
+    The first steps are those of the coarse objective; the log records every step.
     """
     cable = fine.cable
     prior = ParamPrior.for_cable(cable, space)

@@ -79,9 +79,7 @@ class Tuned:
     def believed(cls, setup: Setup, seed: int = 0) -> "Tuned":
         """Return a simulator of the most likely cable before any cast, and of others it may be.
 
-        Args:
-            setup: Set-up with the cable, its believed values and deviations.
-            seed: Seed of the others.
+        The seed draws the others.
         """
         ensemble = believed_ensemble(setup.cable, make_engine("warp"), seed)
         posterior = ParamPosterior.before_casts(setup.cable)
@@ -91,11 +89,7 @@ class Tuned:
 
     @classmethod
     def of(cls, value: "Tuned | CableParams | None", setup: Setup) -> "Tuned":
-        """Return what to simulate with.
-
-        Args:
-            value: Result of `tune`, parameters alone, or None for the cable's own.
-            setup: Set-up to simulate.
+        """Return what to simulate a set-up with: None stands for its cable's own parameters.
 
         Raises:
             InputError: The parameters were tuned for another cable.
@@ -114,10 +108,7 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     """Return what `cablecast tune` left in a folder or in its params.json, or a person wrote.
 
     A checksum is verified if there is one. A file that a person wrote needs the parameters alone.
-
-    Args:
-        path: The folder, or the file.
-        setup: Set-up to simulate; the parameters must be those of its cable.
+    They must be those of the cable of the set-up.
 
     Raises:
         InputError: There is no such file, it is damaged, was changed since it was written, or holds
@@ -174,10 +165,6 @@ def _read(file: pathlib.Path) -> Mapping[str, Any]:
             ) from None
     if "params" not in values:
         raise InputError(f"{file} does not hold tuned parameters: it lacks the key params")
-    if values.get("material") is not None:
-        raise InputError(
-            f"{file} was written by an earlier version: make it again with `cablecast tune`"
-        )
     return values
 
 
@@ -201,13 +188,7 @@ _DERIVED = {
 def params_file(
     result: TuneResult, cable_length: float, servo: ServoModel | None
 ) -> dict[str, Any]:
-    """Return the content of params.json as plain values; see `write_params`.
-
-    Args:
-        result: Result of tuning.
-        cable_length: Cable length r_c [m].
-        servo: Servo of the arm, if it was identified.
-    """
+    """Return the content of params.json as plain values; see `write_params`."""
     rows = {}
     for name, distances, status in (
         ("training", result.training, result.training_status),
@@ -236,13 +217,7 @@ def params_file(
 def distance_summary(
     distances: TrackDistances, candidate: int, cable_length: float
 ) -> dict[str, Any]:
-    """Return distances of one candidate in % of cable length, as in the paper's tuning table.
-
-    Args:
-        distances: Distances between simulated and measured tracks.
-        candidate: Row of the candidate.
-        cable_length: Cable length r_c [m].
-    """
+    """Return distances of one candidate in % of cable length, as in the paper's tuning table."""
     mean = 100 * distances.mean[candidate] / cable_length
     final = 100 * distances.final[candidate] / cable_length
     return {
@@ -283,11 +258,9 @@ def _spread(population: CableParams) -> dict[str, list[float]]:
 
 
 def write_params(path: pathlib.Path, values: Mapping[str, Any]) -> None:
-    """Write params.json with a checksum over its content.
+    """Write params.json, or that of a folder, with a checksum over its content.
 
-    Args:
-        path: File, or its folder.
-        values: Content, see `params_file`; also `cable`, the name of the tuned cable.
+    Values are those of `params_file`, and `cable`, the name of the tuned cable.
     """
     file = path / PARAMS_FILE if path.is_dir() else path
     sealed = seal(dict(values))

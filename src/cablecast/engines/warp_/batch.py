@@ -153,11 +153,8 @@ class Batch:
     ):
         """Pack the initial state; nothing is held by the table yet.
 
-        Args:
-            initial: Initial state.
-            damping_time: Time by which twist is damped [s], one or shape [world].
-            rest_bend: Bend at which nodes feel no moment [m], shape [world, node, 3]; None where
-                the material remembers nothing.
+        Twist is damped by a time [s], one or shape [world]; nodes feel no moment at the rest bend
+        [m], shape [world, node, 3], which is None where the material remembers nothing.
         """
         build, shape = self.build, (self.group_count, self.node_count)
         state = build.State()

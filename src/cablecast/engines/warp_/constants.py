@@ -44,23 +44,13 @@ def fastest_wave(
     """Return w^2 of the fastest bending wave [1/s²], a bound for any shape of the chain.
 
     It bends each node against its neighbours: no row of the stiffness matrix sums up to more than
-    16 EI / l^3 (Gershgorin).
-
-    Args:
-        bend_stiffness: EI [N·m²], shape [world].
-        segment_mass: Mass of a segment [kg], shape [world].
-        segment_length: Length of a segment [m], one or shape [world].
+    16 EI / l^3 (Gershgorin). Stiffness [N·m²] and mass of a segment [kg] have shape [world].
     """
     return 16.0 * bend_stiffness / (segment_length**3 * segment_mass)
 
 
 def substep_counts(fastest: NDArray[np.float64], dt: float) -> NDArray[np.int_]:
-    """Return the number of substeps of each world, one of `COUNTS`.
-
-    Args:
-        fastest: w^2 of the fastest bending wave [1/s²], shape [world].
-        dt: Step [s].
-    """
+    """Return the number of substeps of each world, one of `COUNTS`, from w^2 [1/s²] and dt [s]."""
     needed = np.sqrt(fastest * dt**2 / MOST_FILTERED)
     index = np.searchsorted(COUNTS, needed * (1.0 - 1e-9))
     return np.array(COUNTS)[np.minimum(index, len(COUNTS) - 1)]
@@ -110,12 +100,7 @@ class EndSegment:
 
     @classmethod
     def of(cls, segment_length: NDArray[np.float64] | float, params: CableParams) -> "EndSegment":
-        """Return the attachments of some worlds; one that is no body has an endless arm.
-
-        Args:
-            segment_length: Length of the other segments [m], one or shape [world].
-            params: Physics with the arms and the masses.
-        """
+        """Return the attachments of some worlds; one that is no body has an endless arm."""
         arm = np.atleast_1d(np.asarray(params.attachment_arm, dtype=float))
         arm = np.where(arm > 0.0, arm, np.inf)
         mass = np.atleast_1d(np.asarray(params.endpoint_mass, dtype=float))
@@ -163,12 +148,6 @@ def fastest_at_end(
     """Return w^2 of the fastest wave at an attachment [1/s²], as `fastest_wave`.
 
     It is the largest sum of a row of the stiffness matrix over the mass of its node (Gershgorin).
-
-    Args:
-        bend_stiffness: EI [N·m²], one or shape [world].
-        segment_mass: Mass of a segment [kg], one or shape [world].
-        segment_length: Length of a segment [m], one or shape [world].
-        end: Attachments.
     """
     s = end.ratio
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -196,17 +175,10 @@ def model_constants(
     far_is_held: bool,
     end: EndSegment | None = None,
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the lane values of `Model` (world.py), with units as there.
+    """Return the lane values of `Model` (world.py) by attribute, with units as there.
 
-    Args:
-        cable: Geometry and physics, shared or one value per world.
-        segment_count: Number of segments.
-        dt: Step [s].
-        far_is_held: Whether a second gripper holds the far end.
-        end: Attachment beyond the cable's end, if there is one.
-
-    Returns:
-        Values by attribute of `Model`, shape [world], [world, node] or [world, segment].
+    Shapes are [world], [world, node] or [world, segment]. A second gripper may hold the far end, or
+    an attachment lie beyond it.
     """
     values = cable.params.to_columns()
     world_count = max(len(column) for column in values.values())
@@ -321,14 +293,7 @@ def rotation_viscosity(
     """Return the viscosity with which angular damping slows the turning of segments [kg/s].
 
     The torque on a segment of the reference length turns into a viscous exchange of velocity with
-    diffusivity c l_ref^2 / 12 (a thin rod's moment of inertia).
-
-    Args:
-        cable: Geometry.
-        segment_length: Length of a segment [m].
-        segment_mass: Mass of a segment [kg], shape [world].
-        angular_damping: c [1/s], shape [world].
-        dt: Step [s].
+    diffusivity c l_ref^2 / 12 (a thin rod's moment of inertia); c is the angular damping [1/s].
     """
     reference = cable.length / REFERENCE_SEGMENT_COUNT
     diffusivity = angular_damping * reference**2 / 12

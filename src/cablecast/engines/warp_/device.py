@@ -65,10 +65,7 @@ def load(kernel: Any) -> None:
     """Load a kernel for the CPU; of several processes one compiles it, and the others wait for it.
 
     To compile the rollout takes a core ten seconds, which processes that start side by side, and
-    threads that launch it first, would each spend on the same file.
-
-    Args:
-        kernel: Kernel in a module of its own.
+    threads that launch it first, would each spend on the same file. It has a module of its own.
     """
     if kernel in _loaded:
         return
@@ -100,12 +97,7 @@ def _turn(name: str) -> Iterator[None]:
 def launch(kernel, device, group_count: int, thread_count: int, inputs: list) -> None:
     """Run the rollout kernel on every group, and wait until it is done.
 
-    Args:
-        kernel: Kernel whose first argument is the first group of a launch.
-        device: Warp device.
-        group_count: Number of groups.
-        thread_count: CPU threads.
-        inputs: Arguments of the kernel after the first.
+    Its first argument is the first group of a launch; inputs are those after it.
     """
     if device.is_cuda:
         inputs = [0, *inputs]

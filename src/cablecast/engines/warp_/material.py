@@ -42,8 +42,7 @@ Kelvin and Voigt to faster motions, and take shorter steps."""
 def lag_ratios(damping_time: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the stiffness of the spring before the dashpot over that of the cable [-].
 
-    Args:
-        damping_time: Time by which moments lead the bend [s], any shape; none has no dashpot.
+    Moments lead the bend by the damping time [s], of any shape; without one there is no dashpot.
     """
     return np.where(damping_time > 0.0, LAG_RATIO, 0.0)
 
