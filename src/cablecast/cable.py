@@ -540,65 +540,26 @@ def guess_params(
 # 11 mm and 6 g/m with a core at 2 mm) and of braided iron wire. Bend stiffnesses follow from
 # bending lengths of a few centimetres, endpoint masses from the mass ratios that the paper's tuning
 # found (3.5 to 4.3 of 18 segments).
+#
+# The ten values are in the order of PAPER_PARAMS.
 _PRESETS = {
-    "cable_1": Cable(
-        name="cable_1",
-        length=0.62,
-        diameter=0.011,
-        attachment=Attachment.HOOK,
-        attachment_length=0.05,
-        params=CableParams(
-            twist_stiffness=3e-4,
-            bend_stiffness=3e-4,
-            mass=0.050,
-            endpoint_mass=0.012,
-            lateral_friction=0.8,
-            worksurface_friction=0.5,
-            spinning_friction=0.001,
-            rolling_friction=0.001,
-            linear_damping=0.1,
-            angular_damping=5.0,
-        ),
-    ),
-    "cable_2": Cable(
-        name="cable_2",
-        length=0.65,
-        diameter=0.002,
-        attachment=Attachment.HOOK,
-        attachment_length=0.03,
-        params=CableParams(
-            twist_stiffness=2e-5,
-            bend_stiffness=2e-5,
-            mass=0.005,
-            endpoint_mass=0.004,
-            lateral_friction=0.8,
-            worksurface_friction=0.4,
-            spinning_friction=0.0005,
-            rolling_friction=0.0003,
-            linear_damping=0.2,
-            angular_damping=5.0,
-        ),
-    ),
-    "cable_3": Cable(
-        name="cable_3",
-        length=0.67,
-        diameter=0.007,
-        attachment=Attachment.MAGNET,
-        attachment_length=0.01,
-        params=CableParams(
-            twist_stiffness=2e-3,
-            bend_stiffness=2e-3,
-            mass=0.090,
-            endpoint_mass=0.018,
-            lateral_friction=0.7,
-            worksurface_friction=0.5,
-            spinning_friction=0.001,
-            rolling_friction=0.0005,
-            linear_damping=0.1,
-            angular_damping=5.0,
-        ),
-    ),
-}
+    name: Cable(
+        name=name,
+        length=length,
+        diameter=diameter,
+        attachment=attachment,
+        attachment_length=attachment_length,
+        params=CableParams(**dict(zip(PAPER_PARAMS, ten, strict=True))),
+    )
+    for name, length, diameter, attachment, attachment_length, ten in (
+        ("cable_1", 0.62, 0.011, Attachment.HOOK, 0.05,
+         (3e-4, 3e-4, 0.050, 0.012, 0.8, 0.5, 0.001, 0.001, 0.1, 5.0)),
+        ("cable_2", 0.65, 0.002, Attachment.HOOK, 0.03,
+         (2e-5, 2e-5, 0.005, 0.004, 0.8, 0.4, 0.0005, 0.0003, 0.2, 5.0)),
+        ("cable_3", 0.67, 0.007, Attachment.MAGNET, 0.01,
+         (2e-3, 2e-3, 0.090, 0.018, 0.7, 0.5, 0.001, 0.0005, 0.1, 5.0)),
+    )
+}  # fmt: skip
 
 CABLE_NAMES = tuple(_PRESETS)
 

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import os
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,10 @@ _CAST_COUNT, _TRIED_COUNT, _DRAWS = 400, 200, 4
 _SEGMENT_COUNT, _DT, _SAMPLE_DT = 20, 2e-3, 0.05
 # Width of the squares of the table that are counted [m].
 _CELL = 0.04
+_UNITS = {
+    **{"r0": "m", "reset_y": "m", "table_near_y": "m", "length": "m", "table_yaw_deg": "deg"},
+    **{"v_max": "m/s", "jerk": "m/s³", "mass": "kg", "bend_stiffness": "N·m²"},
+}
 # A change is named if it reaches so many times as much of the table, and so much more of it.
 _BETTER, _BETTER_BY = 1.15, 0.03
 
@@ -339,10 +343,10 @@ def _try_changes(
     """Return the best change of each kind of those that reach clearly more."""
     best: dict[str, Change] = {}
     rows = list(_possible(setup))
-    for done, (kind, what, reason, make) in enumerate(rows):
+    for done, (kind, reason, values) in enumerate(rows):
         progress(Progress(task="Trying changes", done=done, total=len(rows), unit="changes"))
         try:
-            changed = make()
+            changed = _with(setup, values)
             actions, _ = _draw(changed, _TRIED_COUNT, seed)
             tracks = _tracks(changed, (Dynamics.of(None, changed),), actions)
         except InputError:
@@ -350,63 +354,59 @@ def _try_changes(
         landed, left = _landings(changed, tracks[0])
         tried = LabCheck(setup=changed, landing_xy=landed[None], leaving_xy=left)
         share = float(tried.shares[0])
-        change = Change(
-            kind=kind, what=what, reason=reason, setup=changed, share=share, before=before
-        )
-        clearly = change.share >= max(_BETTER * before, before + _BETTER_BY)
-        if clearly and (kind not in best or change.share > best[kind].share):
-            best[kind] = change
+        least = max(_BETTER * before, before + _BETTER_BY)
+        if share >= max(least, best[kind].share if kind in best else 0.0):
+            what = ", ".join(
+                f"{name} = {value:.3g} {_UNITS[name]}" for name, value in values.items()
+            )
+            best[kind] = Change(
+                kind=kind, what=what, reason=reason, setup=changed, share=share, before=before
+            )
     return tuple(sorted(best.values(), key=lambda change: -change.share))
 
 
-def _possible(setup: Setup) -> Iterator[tuple[str, str, str, Callable[[], Setup]]]:
-    """Yield changes: a kind, what changes, what that says of the laboratory, and who makes it."""
+def _possible(setup: Setup) -> Iterator[tuple[str, str, dict[str, float]]]:
+    """Yield changes: a kind, what that says of the laboratory, and new values by name."""
     workspace, motion, cable = setup.workspace, setup.motion, setup.cable
-
-    def moved(**values: Any) -> Callable[[], Setup]:
-        return lambda: setup.with_motion(**values)
-
-    def placed(r0: float = motion.r0, **values: Any) -> Callable[[], Setup]:
-        def make() -> Setup:
-            support = min(workspace.support_depth, values.get("reset_y", workspace.reset_y))
-            table = dataclasses.replace(workspace, **{"support_depth": support, **values})
-            return dataclasses.replace(setup.with_motion(r0=r0), workspace=table)
-
-        return make
-
-    def held(length: float = cable.length, **values: float) -> Callable[[], Setup]:
-        params = dataclasses.replace(cable.params, **values)
-        changed = dataclasses.replace(cable, length=length, params=params)
-        return lambda: dataclasses.replace(setup, cable=changed)
-
+    mass, stiffness = float(cable.params.mass), float(cable.params.bend_stiffness)
     for r0 in sorted({*R0_CHOICES, round(workspace.reset_y, 3)} - {motion.r0}):
-        yield "r0", f"r0 = {r0:g} m", "", moved(r0=r0)
+        yield "r0", "", {"r0": r0}
     for factor in (0.6, 0.8, 1.25, 1.5):
-        v_max = round(factor * motion.v_max, 2)
         reason = f"casts at {motion.v_max:g} m/s are too fast"
         reason = reason if factor < 1 else "faster casts reach farther, and scatter more"
-        yield "v_max", f"v_max = {v_max:g} m/s", reason, moved(v_max=v_max)
+        yield "v_max", reason, {"v_max": factor * motion.v_max}
     for factor in (0.1, 0.4):
-        jerk = round(factor * motion.jerk, 1)
         reason = f"the arm cannot follow a jerk of {motion.jerk:g} m/s³"
-        yield "jerk", f"jerk = {jerk:g} m/s³", reason, moved(jerk=jerk)
-    about_base = motion.r0 == workspace.reset_y
+        yield "jerk", reason, {"jerk": factor * motion.jerk}
     for step in (-0.2, -0.1, 0.1, 0.2):
         reset_y = round(workspace.reset_y + step, 3)
-        values: dict[str, Any] = {"reset_y": reset_y} | ({"r0": reset_y} if about_base else {})
-        yield "reset_y", f"reset_y = {reset_y:g} m", "", placed(**values)
-    turned = {"table_yaw_deg": (workspace.table_yaw_deg + 90.0) % 180.0}
-    yield "table", f"table_yaw_deg = {turned['table_yaw_deg']:g} deg", "", placed(**turned)
+        # Arcs about the base stay so.
+        about_base = {"r0": reset_y} if motion.r0 == workspace.reset_y else {}
+        yield "reset_y", "", {"reset_y": reset_y, **about_base}
+    yield "table", "", {"table_yaw_deg": (workspace.table_yaw_deg + 90.0) % 180.0}
     for step in (-0.2, 0.2):
-        near = round(workspace.table_near_y + step, 3)
-        yield "table", f"table_near_y = {near:g} m", "", placed(table_near_y=near)
-    for factor in (0.7, 1.3):
-        length = round(factor * cable.length, 3)
-        reason = f"the cable is too {'long' if factor < 1 else 'short'}"
-        mass = factor * float(cable.params.mass)
-        yield "length", f"a cable of {length:g} m", reason, held(length=length, mass=mass)
-    mass = 3.0 * float(cable.params.mass)
-    yield "mass", f"a cable of {1000 * mass:.3g} g", "the cable is too light", held(mass=mass)
-    soft = 0.1 * float(cable.params.bend_stiffness)
-    reason = "the cable is too stiff"
-    yield "stiffness", f"bend_stiffness = {soft:.2g} N·m²", reason, held(bend_stiffness=soft)
+        yield "table", "", {"table_near_y": round(workspace.table_near_y + step, 3)}
+    for factor, word in ((0.7, "long"), (1.3, "short")):
+        values = {"length": factor * cable.length, "mass": factor * mass}
+        yield "length", f"the cable is too {word}", values
+    yield "mass", "the cable is too light", {"mass": 3.0 * mass}
+    yield "stiffness", "the cable is too stiff", {"bend_stiffness": 0.1 * stiffness}
+
+
+def _with(setup: Setup, values: dict[str, float]) -> Setup:
+    """Return a set-up with other values of its motion, workspace and cable.
+
+    Raises:
+        InputError: They do not fit together.
+    """
+
+    def own(part: Any) -> dict[str, float]:
+        return {name: value for name, value in values.items() if hasattr(part, name)}
+
+    support = min(setup.workspace.support_depth, values.get("reset_y", np.inf))
+    table = {"support_depth": support, **own(setup.workspace)}
+    params = dataclasses.replace(setup.cable.params, **own(setup.cable.params))
+    cable = dataclasses.replace(setup.cable, params=params, **own(setup.cable))
+    workspace = dataclasses.replace(setup.workspace, **table)
+    setup = setup.with_motion(**own(setup.motion))
+    return dataclasses.replace(setup, workspace=workspace, cable=cable)
