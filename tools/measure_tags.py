@@ -2,7 +2,8 @@
 
     python tools/measure_tags.py
 
-prints a row for each way of finding them: tags that are missed, and how far corners are off.
+prints a row for each way of finding them: tags that are missed, and how far corners are off; and a
+row for each size of a tag on the cable's end: how often it is read, at rest and blurred.
 """
 
 import argparse
@@ -14,13 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.tags import FAMILY
-from cablecast.vision.tags import detect_tags, load_cv2, tag_picture
+from cablecast.vision.tags import cells_of, detect_tags, load_cv2, tag_picture
 
 PICTURES = pathlib.Path(__file__).parents[1] / "tests/vision/pictures"
 SIZES = (20, 30, 45, 70, 110)
 """Sides of the drawn tags [px]."""
 SMALL_SIZES = (12, 14, 16, 18)
 """Sides of drawn tags that are hard to read [px]."""
+
+END_SIZES, END_FAMILY = (12, 14, 16, 18, 20, 24, 30), "4X4_50"
+"""Sides of the drawn tags on a cable's end [px], and their family."""
+BLURS = (0.0, 0.5, 1.0, 1.5)
+"""Ways of such a tag during the exposure, in its cells."""
 
 Array = NDArray[np.float64]
 Picture = tuple[NDArray[np.uint8], dict[int, Array]]
@@ -100,6 +106,30 @@ def _with(**settings: float) -> Callable[[NDArray[np.uint8]], dict[int, Array]]:
     return detect
 
 
+def end_tags(size: float) -> tuple[list[float], float]:
+    """Return how often a tag of a size [px] is read after each blur [%], and its error [px]."""
+    cv2, found, errors = load_cv2(), np.zeros(len(BLURS)), []
+    pictures = [drawn_picture(size, seed, END_FAMILY) for seed in range(40)]
+    for k, cells in enumerate(BLURS):
+        way = cells * size / cells_of(END_FAMILY)
+        for seed, (image, truth) in enumerate(pictures):
+            turn = np.random.default_rng(seed).uniform(0.0, np.pi)
+            steps = np.linspace(-0.5, 0.5, 9)[:, None] * way * [np.cos(turn), np.sin(turn)]
+            moved = [
+                cv2.warpAffine(
+                    image, np.array([[1, 0, u], [0, 1, v]]), image.shape, borderMode=1
+                ).astype(float)
+                for u, v in steps
+            ]
+            seen = detect_tags(np.mean(moved, axis=0).astype(np.uint8), END_FAMILY)
+            for tag_id, corners in truth.items():
+                if tag_id in seen:
+                    found[k] += 1
+                    centres = seen[tag_id].mean(axis=0) - corners.mean(axis=0)
+                    errors += [float(np.linalg.norm(centres))] if not cells else []
+    return (100 * found / len(pictures)).tolist(), float(np.sqrt(np.mean(np.square(errors))))
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Measure how tags are found on real pictures and on drawn ones."""
     argparse.ArgumentParser(description=main.__doc__).parse_args(arguments)
@@ -127,6 +157,12 @@ def main(arguments: list[str] | None = None) -> None:
         row += f"| {measure(small, detect)[0]} "
         rms = [np.sqrt(np.mean(measure(pictures, detect)[1] ** 2)) for pictures in drawn]
         print(row + "".join(f"| {value:.2f} " for value in rms) + "|")
+    print(f"\n| side of a tag of {END_FAMILY} | centre [px] | ", end="")
+    print(" | ".join(f"read after {cells:g} cells [%]" for cells in BLURS) + " |")
+    print("|---" * (2 + len(BLURS)) + "|")
+    for size in END_SIZES:
+        shares, error = end_tags(size)
+        print(f"| {size} px | {error:.2f} | " + " | ".join(f"{s:.0f}" for s in shares) + " |")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,14 @@
 """What a check of a camera advises."""
 
 import dataclasses
+import pathlib
 
 import numpy as np
 import pytest
 
 pytest.importorskip("cv2")
+
+from tools import camera_advice
 
 from cablecast.camera.settings import CameraSettings
 from cablecast.errors import CameraError, InputError
@@ -189,3 +192,14 @@ def test_a_lens_that_loses_its_focus_is_told_in_each_frame():
         said = [line for line in told.advice() if "focus" in line]
         assert len(said) == bool(words)
         assert words in "".join(said)
+
+
+def test_the_page_has_a_row_for_each_case_and_a_wooden_table_needs_no_change():
+    text = (pathlib.Path(__file__).parents[2] / "docs/camera.md").read_text()
+    for name in camera_advice.cases():
+        assert f"| {name} | " in text
+    advice, found, rms = camera_advice.look(camera_advice.cases()["wooden table"])
+    assert [line for line in advice if "something of the marker's colour" not in line] == []
+    assert found == 1.0
+    # As on a white one [mm].
+    assert rms < 1.2

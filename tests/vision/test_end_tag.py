@@ -79,12 +79,23 @@ def frame(table, time, tag, covered=False):
 
 
 @pytest.mark.parametrize(
-    ("family", "size"), [("4X4_50", 0.03), ("4X4_50", 0.04), ("APRILTAG_16h5", 0.03)]
+    ("family", "size", "height"),
+    [
+        ("4X4_50", 0.02, 1.35),
+        ("4X4_50", 0.03, 1.9),
+        ("4X4_50", 0.04, 1.9),
+        ("APRILTAG_16h5", 0.03, 1.9),
+    ],
 )
-def test_the_tag_s_centre_is_followed_at_its_height_and_gaps_stay_gaps(table, family, size):
+def test_the_tag_s_centre_is_followed_at_its_height_and_gaps_stay_gaps(
+    family, size, height, monkeypatch
+):
+    view = dataclasses.replace(VIEW, position=(*VIEW.position[:2], height))
+    monkeypatch.setattr("tests.vision.test_end_tag.VIEW", view)
+    table = np.full((LENS.height, LENS.width), 170, np.uint8)
     tag = EndTag(id=17, size=size, family=family)
     settings = CameraSettings(source="0", end_tag=tag)
-    tracker = make_tracker(VIEW, SETUP.workspace, SETUP.cable, settings, TrackerConfig(), (0, 1))
+    tracker = make_tracker(view, SETUP.workspace, SETUP.cable, settings, TrackerConfig(), (0, 1))
     assert isinstance(tracker, TagTracker)
     for k in range(14):
         image = frame(table, k / 10, tag, covered=k == 5)
