@@ -27,12 +27,12 @@ class Learning:
     def __init__(self, policy):
         self.policy, self.counts, self.error = policy, [], None
 
-    def __call__(self, casts, count, report):
+    def __call__(self, store, report):
         report(Progress(task="2/4 fit", done=1, total=4))
         if self.error is not None:
             raise self.error
-        self.counts.append((len(casts), count))
-        return FittedModel(policy=self.policy, fitted_count=count)
+        self.counts.append((len(store.dataset()), len(store)))
+        return FittedModel(policy=self.policy, fitted_count=len(store))
 
 
 @pytest.fixture
