@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from benchmarks.pages import signed
 from benchmarks.result import LEARNING, ROOT, Table, fingerprint, fingerprints_at
 from cablecast.cli.progress import console_progress
+from cablecast.engines import EngineName
 from cablecast.errors import InputError
 from cablecast.files import read_json, write_bytes
 from cablecast.pipeline.reproduce import FULL, QUICK, reproduce
@@ -36,12 +37,14 @@ class Args:
     Attributes:
         quick: One cable and less of everything.
         rig: Rig that makes the casts.
+        engine: Simulator.
         seed: Seed of everything.
         out: Folder of the reproduction; work that was stopped goes on there.
     """
 
     quick: bool = False
     rig: str = "virtual:4"
+    engine: EngineName = "warp"
     seed: int = 0
     out: pathlib.Path = pathlib.Path("runs/reproduce")
 
@@ -53,7 +56,8 @@ def main(args: Args) -> Iterator[Table]:
         refuse_other_code(args.out, str(read_json(config)["commit"]).partition("+")[0])
     budget = QUICK if args.quick else FULL
     with console_progress() as progress:
-        done = reproduce(args.out, budget=budget, rig=args.rig, seed=args.seed, progress=progress)
+        options = {"rig": args.rig, "engine": args.engine, "seed": args.seed}
+        done = reproduce(args.out, budget=budget, **options, progress=progress)
     times = list(done.metrics["seconds"].items())
     results = Reproduction(folder=done.path, cables=budget.cables)
     for table in reproduction_page(results, read_json(config), times)[1]:

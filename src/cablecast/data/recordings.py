@@ -144,14 +144,7 @@ def read_recordings(
 def _sound(
     where: str, columns: dict[str, Array], rows: NDArray[np.int64], report: Callable[[str], None]
 ) -> dict[str, Array]:
-    """Return the sound rows of a cast, and report the others.
-
-    Args:
-        where: File and cast, for messages.
-        columns: Values of the cast.
-        rows: Numbers of its rows in the table, the first one being 1.
-        report: Told what is left out.
-    """
+    """Return the sound rows of a cast, and report the others by their numbers from 1."""
     times = columns[TIME_COLUMN]
     why = [""] * len(times)
     for name, values in columns.items():

@@ -239,11 +239,7 @@ class BulletWorld:
         )
 
     def start(self, state: dict[str, NDArray[np.float64]]) -> None:
-        """Put the cable into a state; motion that would stretch a segment is lost.
-
-        Args:
-            state: Fields of `CableState`, of one world.
-        """
+        """Put the cable into the state of one world; motion that stretches a segment is lost."""
         client = self.client
         pose = self.path.evaluate(np.zeros(1))[0, 0]
         speed = self.path.evaluate(np.zeros(1), 1)[0, 0]
@@ -272,9 +268,7 @@ class BulletWorld:
     def run(self, nodes: NDArray[np.float64], steps_per_sample: int) -> bool:
         """Simulate, and return True if the cable stayed finite.
 
-        Args:
-            nodes: Filled with the cable's shapes at the sample times [m], shape [step, node, 3].
-            steps_per_sample: Steps between two samples.
+        Nodes are filled with its shapes at the sample times [m], shape [step, node, 3].
         """
         nodes[0] = self._kinematics()[0]
         paths = [self.path] if self.far_path is None else [self.path, self.far_path]

@@ -284,12 +284,9 @@ def _guessed(values: Any, rng: np.random.Generator, names: tuple[str, ...]) -> A
 
 
 def hidden_cable(cable: Cable, lab_seed: int, strengths: Strengths | None = None) -> HiddenCable:
-    """Return the true cable behind what is believed of it.
+    """Return the true cable of a laboratory behind what is believed of it.
 
-    Args:
-        cable: A preset, or a user's own, for which the truth is drawn about its parameters.
-        lab_seed: Seed of the laboratory.
-        strengths: Strength of each effect.
+    The truth of a user's own cable is drawn about its parameters.
     """
     rng = np.random.default_rng([lab_seed, zlib.crc32(cable.name.encode())])
     truth = _preset(cable, lab_seed, rng, bool(strengths)) if is_preset(cable) else _own(cable, rng)

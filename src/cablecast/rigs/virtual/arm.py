@@ -73,16 +73,10 @@ def move_arm(
     dt: float,
     step_count: int,
 ) -> list[ArmMotion]:
-    """Return the motions of an arm that follows commanded ones.
+    """Return the motions of an arm with its true servos that follows commanded ones.
 
-    Args:
-        trajectories: Commanded motion of each trial. Without a joint path, the gripper itself
-            follows its path as the joints would.
-        trials: Draw of each trial.
-        arm: Geometry of the arm.
-        servos: True servos of its joints.
-        dt: Step [s].
-        step_count: Number of steps from the start of the motion.
+    Without a joint path, the gripper itself follows its path as the joints would. Steps of dt [s]
+    are counted from the start of the motion.
     """
     rigid = RigidArm(arm, servos, dt) if servos.is_rigid_body and RigidArm.knows(arm) else None
     motions: dict[int, ArmMotion] = {}
@@ -255,14 +249,7 @@ class LiveArm:
         self._set_points = [self.q.copy(), self.q.copy()]
 
     def advance(self, step_count: int) -> Array:
-        """Move on, and return the poses of the grip at each step.
-
-        Args:
-            step_count: Number of steps.
-
-        Returns:
-            x, y, z [m], yaw, pitch [rad], shape [step, 5].
-        """
+        """Move on, and return x, y, z [m], yaw, pitch [rad] of the grip, shape [step, 5]."""
         if self._is_still():
             self.time += step_count * self.dt
             return np.repeat(self.arm.grip_pose(self.q)[None], step_count, axis=0)

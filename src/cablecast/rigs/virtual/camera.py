@@ -81,15 +81,9 @@ class VirtualCamera:
         return Film(self, trial, seed)
 
     def picture(self, track: EndpointTrack, setup: Setup, seed: int = 0) -> Image | None:
-        """Return the table at the end of a trial, BGR, shape [v, u, 3].
+        """Return the table at the end of a trial, BGR, shape [v, u, 3]; None without its nodes.
 
-        Args:
-            track: Trial with its nodes.
-            setup: Gives the cable and the arm.
-            seed: Seed of light and noise.
-
-        Returns:
-            The picture; None where the trial has no shape to draw.
+        The seed draws light and noise.
         """
         if track.nodes is None or not np.all(np.isfinite(track.nodes[-1])):
             return None
@@ -251,9 +245,7 @@ class Film:
     def piece(self, frame: int, window: Window) -> Image:
         """Draw a piece of a frame, equal to that part of the whole frame.
 
-        Args:
-            frame: Index of the frame.
-            window: Left, top, right, bottom [px], the last two excluded.
+        The window is left, top, right, bottom [px], the last two excluded.
         """
         config = self.camera.config
         while self._luck(frame)[1] < config.repeated:
@@ -317,10 +309,7 @@ def track_film(
 ) -> EndpointTracker:
     """Run the tracker over a film, drawing only what it looks at.
 
-    Args:
-        film: Film of a trial.
-        calibration: Calibration of the camera.
-        marker: Marker that is looked for; one of the hue that is drawn where None.
+    It looks for a marker of the hue that is drawn where none is given.
     """
     config = film.camera.config
     trial = film.trial
@@ -340,12 +329,9 @@ def track_film(
 
 
 def board_pictures(camera: VirtualCamera, seed: int = 0, board: Board | None = None) -> list[Image]:
-    """Draw pictures of a calibration board, held over the table at several angles.
+    """Draw pictures of a board, the default one where None, held over the table at several angles.
 
-    Args:
-        camera: Camera to hold the board before.
-        seed: Seed of the board's places and of the noise.
-        board: Board to hold; the default one where None.
+    The seed draws its places and the noise.
     """
     cv2 = load_cv2()
     rng = np.random.default_rng([seed, 41])

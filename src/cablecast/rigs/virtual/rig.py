@@ -99,13 +99,9 @@ class RigVirtual(RigLifecycle):
     def execute_many(
         self, trajectories: Sequence[Trajectory], progress: Callable[[int], None] | None = None
     ) -> list[EndpointTrack]:
-        """Reset and execute for each trajectory, at once on all cores.
+        """Reset and execute for each trajectory, at once on all cores; see `run_trials`.
 
         The tracks equal those of one reset and execute after another.
-
-        Args:
-            trajectories: One per trial.
-            progress: Called with the number of finished trials whenever it grows.
         """
         self._check_open()
         self._is_reset = False

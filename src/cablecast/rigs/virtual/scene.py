@@ -138,13 +138,10 @@ class Scene:
         return slice(start, start + count), slice(rate, rate + count)
 
     def lay_down(self, qpos: Array, pose: Array, shape: Array, tip_roll: float) -> None:
-        """Put the hand and a cable where a reset left them.
+        """Fill the positions of all joints of a world with what a reset left of hand and cable.
 
-        Args:
-            qpos: Positions of all joints of one world, which are filled, shape [joint position].
-            pose: Pose of the grip: x, y, z [m], yaw, pitch [rad], shape [5].
-            shape: Vertices of the cable [m], shape [vertex, 3].
-            tip_roll: Turn of the lying attachment about the cable [rad].
+        The pose is x, y, z [m], yaw, pitch [rad] of the grip, the shape the cable's vertices [m],
+        shape [vertex, 3]; the lying attachment is turned about the cable [rad].
         """
         qpos[:HAND_DOF_COUNT] = pose - self.hand_origin
         qpos[self.vertex_slice] = (shape[2:] - self.vertex_origin).ravel()
@@ -162,11 +159,7 @@ class Scene:
         ]
 
     def vertices(self, qpos: Array) -> Array:
-        """Return the positions of all vertices up to the endpoint [m], shape [world, vertex, 3].
-
-        Args:
-            qpos: Positions of all joints, shape [world, joint position].
-        """
+        """Return the positions of all vertices up to the endpoint [m], shape [world, vertex, 3]."""
         count = len(qpos)
         vertices = np.empty((count, len(self.arc_lengths), 3))
         pose = qpos[:, :HAND_DOF_COUNT] + self.hand_origin
@@ -193,14 +186,7 @@ class Scene:
 
         A semi-implicit step ends at q + dt v, so the velocity that belongs to a step is the
         backward difference; the velocity and the acceleration reach the servo through its position
-        target.
-
-        Args:
-            poses: x, y, z [m], yaw, pitch [rad] at every step, shape [step + 1, 5].
-            dt: Step [s].
-
-        Returns:
-            One target per step, shape [step, 5].
+        target. Poses have the shape [step + 1, 5], and there is one target per step of dt [s].
         """
         velocity = np.diff(poses, axis=0) / dt
         acceleration = np.diff(velocity, axis=0, prepend=0.0) / dt

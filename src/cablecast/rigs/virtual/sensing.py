@@ -169,14 +169,9 @@ class CameraErrorModel:
         )
 
     def apparent(self, points: Array, marker_z: float) -> Array:
-        """Return where endpoints seem to be to a tracker that believes them at one height.
+        """Return where endpoints [m], shape [..., 3], seem to be to a tracker, shape [..., 2].
 
-        Args:
-            points: True places [m], shape [..., 3].
-            marker_z: Height that the tracker believes in [m].
-
-        Returns:
-            x and y [m], shape [..., 2].
+        It believes them at one height [m].
         """
         camera = np.asarray(self.camera)
         scale = (camera[2] - marker_z) / (camera[2] - points[..., 2])
@@ -286,12 +281,9 @@ class Sensor:
     def observe(
         self, track: EndpointTrack, joint_path: JointPath | None, rng: np.random.Generator
     ) -> EndpointTrack:
-        """Return what is seen of a trial.
+        """Return what is seen of a trial, from its true motion with nodes every RECORD_DT.
 
-        Args:
-            track: True motion, with the cable's nodes every RECORD_DT.
-            joint_path: Joints as they really moved; None for a table without an arm.
-            rng: Draws what is left to chance.
+        The joints are as they really moved, None for a table without an arm.
 
         Raises:
             InputError: The cable was recorded too rarely for a camera.

@@ -93,14 +93,9 @@ class ResetLibrary:
         return near if len(near) else np.arange(len(self))
 
     def resample(self, index: int, arc_lengths: Array) -> Array:
-        """Return one state at other nodes.
+        """Return one state at other distances from the grip along the cable [m], shape [vertex].
 
-        Args:
-            index: Index of the state.
-            arc_lengths: Distance of each node from the grip along the cable [m], shape [vertex].
-
-        Returns:
-            Nodes seen from the grip [m], shape [vertex, 3].
+        Nodes are seen from the grip [m], shape [vertex, 3].
         """
         from scipy.interpolate import CubicSpline
 
@@ -154,10 +149,8 @@ def library_path(cable_name: str) -> pathlib.Path:
 def find_library(setup: Setup, lab_seed: int = 0) -> ResetLibrary | None:
     """Return the library that holds for a set-up, where there is one.
 
-    Args:
-        setup: Gives the cable, and what the motion of the reset depends on. A user's own cable has
-            no library, nor has a preset whose geometry was changed.
-        lab_seed: Seed of the laboratory; only the default one has libraries.
+    Only the default laboratory has libraries. A user's own cable has none, nor has a preset whose
+    geometry was changed.
     """
     if lab_seed != 0 or not is_preset(setup.cable) or not _moves_as_stored(setup):
         return None
