@@ -10,7 +10,9 @@ import glob
 import hashlib
 import importlib.metadata
 import io
+import itertools
 import json
+import math
 import os
 import pathlib
 import platform
@@ -147,6 +149,24 @@ def read_csv(path: str | pathlib.Path, columns: tuple[str, ...]) -> list[dict[st
         if any(row[name] is None for name in columns):
             raise InputError(f"line {number} of {path} has too few cells")
     return rows
+
+
+def read_numbers(
+    path: str | pathlib.Path, columns: tuple[str, ...], least: int
+) -> list[list[float]]:
+    """Return the rows of a CSV file, at least so many, of finite numbers in some columns.
+
+    Raises:
+        InputError: There is no such file, or something is missing or no number.
+    """
+    rows = read_csv(path, columns)
+    try:
+        values = [[float(row[name]) for name in columns] for row in rows]
+    except ValueError:
+        raise InputError(f"{path} holds something else than numbers") from None
+    if len(values) < least or not all(map(math.isfinite, itertools.chain(*values))):
+        raise InputError(f"{path} must hold at least {least} rows of finite numbers")
+    return values
 
 
 def write_csv(path: pathlib.Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -302,7 +322,7 @@ def core_count() -> int:
 def processor_name() -> str:
     """Return the name of the processor as Linux states it; empty elsewhere."""
     try:
-        lines = pathlib.Path("/proc/cpuinfo").read_text().splitlines()
+        lines = pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return ""
     return next((line.partition(":")[2].strip() for line in lines if "model name" in line), "")

@@ -193,7 +193,7 @@ def test_what_is_no_take_or_no_frame_is_refused_with_what_is_wrong(tmp_path):
         MocapFrame.load(write_points(tmp_path / "points.csv", scale=1e3))
     rows = (tmp_path / "points.csv").read_text().splitlines()
     (tmp_path / "points.csv").write_text("\n".join(rows[:3]) + "\n")
-    with pytest.raises(InputError, match="at least three points"):
+    with pytest.raises(InputError, match="at least 3 rows of finite"):
         MocapFrame.load(tmp_path / "points.csv")
     line = "\n".join(f"{x},0,0,{x},0,0" for x in range(4))
     (tmp_path / "points.csv").write_text(f"{rows[0]}\n{line}\n")

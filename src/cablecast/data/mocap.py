@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import itertools
 import pathlib
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from cablecast.camera.tags import rigid_fit
 from cablecast.cast import EndpointTrack
 from cablecast.errors import InputError, check_number
-from cablecast.files import JSON_SIZE_MAX, read_bytes, read_csv
+from cablecast.files import JSON_SIZE_MAX, read_bytes, read_numbers
 from cablecast.vision.tracker import track_samples
 from cablecast.workspace import Workspace
 
@@ -46,15 +47,8 @@ class MocapFrame:
         Raises:
             InputError: There is no such file, or the points give no frame.
         """
-        ours, theirs = ("x_m", "y_m", "z_m"), ("mocap_x_m", "mocap_y_m", "mocap_z_m")
-        rows = read_csv(path, (*ours, *theirs))
-        try:
-            places = np.array([[float(row[name]) for name in ours] for row in rows])
-            points = np.array([[float(row[name]) for name in theirs] for row in rows])
-        except ValueError:
-            raise InputError(f"{path} holds something else than numbers") from None
-        if len(rows) < 3 or not np.all(np.isfinite([places, points])):
-            raise InputError(f"{path} must hold at least three points of finite numbers")
+        columns = ("x_m", "y_m", "z_m", "mocap_x_m", "mocap_y_m", "mocap_z_m")
+        places, points = np.split(np.array(read_numbers(path, columns, 3)), 2, axis=1)
         across = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1]
         if across < _SPREAD_MIN / 2:
             raise InputError(f"the points of {path} lie in a line: measure some beside it")
@@ -188,7 +182,6 @@ class MocapNames:
 def _motive(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str, Array]]:
     """Return times and points of a take of Motive, whose header has four to six rows."""
     facts = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
-    scale = _scale(path, facts.get("Length Units", "Meters"))
     first = next((i for i, row in enumerate(rows) if i and row and _number(row[0]) is not None), 0)
     head = [row for row in rows[1:first] if any(row)]
     if len(head) < 4:
@@ -198,10 +191,10 @@ def _motive(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str,
     columns: dict[str, dict[str, int]] = {}
     for solved in (False, True):
         for i in range(2, min(map(len, (kinds, names, parts, axes)))):
-            if parts[i] == "Position" and (kinds[i] in _SOLVED) == solved and axes[i] in "XYZ":
+            if parts[i] == "Position" and (kinds[i] in _SOLVED) == solved:
                 columns.setdefault(names[i].strip('"'), {}).setdefault(axes[i], i)
-    times = _column(path, rows[first:], 1, first)
-    return times, _points(path, rows[first:], columns, scale, first)
+    unit = facts.get("Length Units", "Meters")
+    return _columns(path, rows[first:], first, 1, columns, unit)
 
 
 def _vicon(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str, Array]]:
@@ -211,49 +204,45 @@ def _vicon(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str, 
         if len(rows) < start + 6 or not (rate := _number((rows[start + 1] or [""])[0])):
             raise InputError(f"{path}: section {rows[start][0]} lacks its rate, names or rows")
         names, axes, units = rows[start + 2 : start + 5]
-        first = start + 5
-        body = rows[first:]
-        body = body[: next((i for i, row in enumerate(body) if not any(row)), len(body))]
+        body = list(itertools.takewhile(any, rows[start + 5 :]))
         columns, name, unit = {}, "", "mm"
         for i, axis in enumerate(axes[2:], start=2):
             name = names[i] if i < len(names) and names[i] else name
-            axis = axis.removeprefix("T")
-            if axis in ("X", "Y", "Z"):
-                columns.setdefault(name, {}).setdefault(axis, i)
-                unit = units[i] if i < len(units) else unit
-        frames = _column(path, body, 0, first)
+            columns.setdefault(name, {}).setdefault(axis.removeprefix("T"), i)
+            if axis.removeprefix("T") in ("X", "Y", "Z") and i < len(units):
+                unit = units[i]
+        frames, found = _columns(path, body, start + 5, 0, columns, unit)
         if len(times) and len(frames) != len(times):
             raise InputError(f"{path}: its sections differ in their number of frames")
-        times = (frames - frames[0]) / rate
-        points |= _points(path, body, columns, _scale(path, unit), first)
+        times, points = (frames - frames[0]) / rate, points | found
     return times, points
 
 
-def _points(
+def _columns(
     path: pathlib.Path,
     rows: list[list[str]],
-    columns: dict[str, dict[str, int]],
-    scale: float,
     first: int,
-) -> dict[str, Array]:
-    return {
-        name: scale * np.stack([_column(path, rows, at[a], first) for a in "XYZ"], axis=-1)
-        for name, at in columns.items()
-        if len(at) == 3
+    clock: int,
+    columns: dict[str, dict[str, int]],
+    unit: str,
+) -> tuple[Array, dict[str, Array]]:
+    """Return a column of times and the points whose columns X, Y and Z there are [m]."""
+    if unit.lower() not in _UNITS:
+        raise InputError(f"{path}: length unit {unit[:20]!r} must be metres, centimetres or mm")
+
+    def column(index: int) -> Array:
+        """Return a column of numbers, NaN where a cell is empty."""
+        cells = [row[index] if index < len(row) else "" for row in rows]
+        for line, cell in enumerate(cells, start=first + 1):
+            if cell and _number(cell) is None:
+                raise InputError(f"line {line} of {path}: {cell[:40]!r} is not a number")
+        return np.array([float(cell or "nan") for cell in cells])
+
+    scale, whole = _UNITS[unit.lower()], {n: at for n, at in columns.items() if {*"XYZ"} <= {*at}}
+    return column(clock), {
+        name: scale * np.stack([column(at[axis]) for axis in "XYZ"], axis=-1)
+        for name, at in whole.items()
     }
-
-
-def _column(path: pathlib.Path, rows: list[list[str]], index: int, first: int) -> Array:
-    """Return a column of numbers, NaN where a cell is empty."""
-    values = np.full(len(rows), np.nan)
-    for i, row in enumerate(rows):
-        if index < len(row) and row[index]:
-            number = _number(row[index])
-            if number is None:
-                line = f"line {first + i + 1} of {path}"
-                raise InputError(f"{line}: {row[index][:40]!r} is not a number")
-            values[i] = number
-    return values
 
 
 def _number(cell: str) -> float | None:
@@ -261,9 +250,3 @@ def _number(cell: str) -> float | None:
         return float(cell)
     except ValueError:
         return None
-
-
-def _scale(path: pathlib.Path, unit: str) -> float:
-    if unit.lower() not in _UNITS:
-        raise InputError(f"{path}: length unit {unit[:20]!r} must be metres, centimetres or mm")
-    return _UNITS[unit.lower()]

@@ -12,7 +12,7 @@ from cablecast.arm.base import Arm
 from cablecast.camera.lens import CameraView
 from cablecast.camera.tags import Point, TableFit, fit_table
 from cablecast.errors import CameraError, InputError, check_count, check_number
-from cablecast.files import read_csv
+from cablecast.files import read_numbers
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.base import Rig
@@ -144,13 +144,7 @@ def film_offset(
 def read_log(path: pathlib.Path, arm: Arm) -> JointPath:
     """Return the joints that a robot reported in a CSV file."""
     columns = ("time_s", *(f"q{joint}" for joint in range(1, arm.joint_count + 1)))
-    rows = read_csv(path, columns)
-    try:
-        values = np.array([[float(row[name]) for name in columns] for row in rows])
-    except ValueError:
-        raise InputError(f"{path} holds something else than numbers") from None
-    if len(values) < 2 or not np.all(np.isfinite(values)):
-        raise InputError(f"{path} must hold at least two rows of finite numbers")
+    values = np.array(read_numbers(path, columns, 2))
     times, q = values[:, 0], values[:, 1:]
     if np.any(np.diff(times) <= 0):
         raise InputError(f"the times in {path} do not rise")
