@@ -221,7 +221,7 @@ class Args:
         out: File that keeps what was tried, so that a stopped run goes on.
     """
 
-    generations: tuple[str, ...] = ("cb3", "e-series")
+    generations: tuple[str, ...] = tuple(ARMS)
     faults: tuple[str, ...] = ()
     phases: tuple[str, ...] = PHASES
     rate: float = 1.0
