@@ -189,8 +189,9 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         for _ in range(2):
             page.wait_for_rest()
             time.sleep(6.0)
-            page.button("Correct and cast again").click()
-            page.wait_for("is under way")
+            if page.button("Correct and cast again").is_visible():
+                page.button("Correct and cast again").click()
+                page.wait_for("is under way")
         page.wait_for_rest()
         time.sleep(8.0)
         page.picture(folder / "view-cast.png")
@@ -223,10 +224,6 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         time.sleep(6.0)
         phone.hide_notices()
         phone.picture(folder / "view-phone.png")
-        page.tab.get_by_role("checkbox", name="Dark").click()
-        page.tab.mouse.wheel(0, -4000)
-        time.sleep(4.0)
-        page.picture(folder / "view-dark.png")
 
 
 def make_first_cast(address: str, folder: pathlib.Path) -> None:

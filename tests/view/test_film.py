@@ -10,7 +10,7 @@ from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.view.film import FilmConfig, Painter, camera_behind_robot, frame_times, write_film
 from cablecast.view.look import Shot, ShownCast
-from cablecast.view.shapes import LIGHT, viewpoint
+from cablecast.view.shapes import TABLE, viewpoint
 
 SETUP = Setup()
 TARGET = np.array([-0.6, 1.2])
@@ -52,7 +52,7 @@ def test_the_table_is_painted_with_the_cable_where_it_is(shot):
     assert blueness[0] < 0
     assert blueness[1] > 60
     x, y = camera.to_image(np.array([1.1, 0.2, 0.0]))
-    assert np.allclose(after[round(float(y)), round(float(x))], LIGHT.table, atol=12)
+    assert np.allclose(after[round(float(y)), round(float(x))], TABLE, atol=12)
 
 
 def test_frames_are_evenly_spaced_in_slow_motion_and_show_the_rest(shot):

@@ -13,7 +13,6 @@ from cablecast.view.desk import Desk, Phase
 from cablecast.view.look import ShownCast
 from cablecast.view.page import Page, shrunk
 from cablecast.view.scene import LIFT
-from cablecast.view.shapes import DARK, LIGHT
 from cablecast.view.worker import Worker
 
 pytest.importorskip("viser")
@@ -158,16 +157,6 @@ def test_a_map_without_a_model_is_refused_in_a_sentence(rig, engine, tmp_path):
     page.close()
 
 
-def test_what_is_dark_is_drawn_in_lighter_colours(page, drawn):
-    cast_at_target(page)
-    page.show_rest()
-    for dark, paint in ((True, DARK), (False, LIGHT)):
-        page.set_dark(dark)
-        nodes = drawn(page.server)
-        assert nodes["/figures/measured/cable"].color == paint.cable
-        assert nodes[f"/marks/tries/{page.desk.last.number}/ball"].color == paint.text
-
-
 def test_places_that_the_camera_is_blind_at_are_marked_from_the_session_on(page, drawn):
     hatch = [f"/room/blind/{number}/hatch" for number in range(2)]
     places = ((-1.08, 0.42, 0.16), (0.5, 0.9, 0.05))
@@ -176,8 +165,6 @@ def test_places_that_the_camera_is_blind_at_are_marked_from_the_session_on(page,
         page.refresh()
         nodes = drawn(page.server)
         assert [name in nodes for name in hatch] == [number < count for number in range(2)]
-    page.set_dark(True)
-    assert np.all(drawn(page.server)[hatch[0]].colors == DARK.reach)
     page.desk.session.sight = None
     page.refresh()
     assert hatch[0] not in drawn(page.server)

@@ -65,10 +65,16 @@ def test_the_map_knows_the_reach_and_the_misses(policy):
     assert np.array_equal(np.isfinite(miss), radius <= reach)
     inside = policy.inside_coverage(xy) & np.isfinite(miss)
     assert np.median(miss[inside]) < np.median(miss[np.isfinite(miss) & ~inside])
-    image = map_image(miss, policy.setup.cable.length)
-    assert image.shape == (4 * miss.shape[0], 4 * miss.shape[1], 4)
-    # The first rows of the picture are the far edge.
-    assert np.array_equal(image[1, 1::4, 3] > 0, np.isfinite(miss[-1]))
+    image = map_image(miss, policy.setup)
+    rows, columns = 4 * miss.shape[0], 4 * miss.shape[1]
+    assert image.shape == (rows, columns, 4)
+    # The first row of the picture is the far edge, where the middle alone is in reach.
+    shown = image[0, :, 3] > 0
+    assert shown[columns // 2]
+    assert not shown[0]
+    assert (2 * policy.setup.workspace.half_width) * shown.mean() == pytest.approx(
+        2 * np.sqrt(reach**2 - policy.setup.workspace.y_max**2), abs=0.05
+    )
     # Colours pass from one target of the map to the next.
     seen = image[:, 1::4, 0][image[:, 1::4, 3] > 0].astype(int)
     assert len(np.unique(seen)) > 2 * len(np.unique(image[1::4, 1::4, 0]))

@@ -30,8 +30,6 @@ class Film:
     """Frames a second."""
     speed: float = 1.0
     """Shown seconds per second; 0.25 is slow motion."""
-    dark: bool = False
-    """Film in dark colours."""
     force: bool = False
     """Overwrite the file if it exists."""
 
@@ -52,7 +50,6 @@ class Film:
             height=self.height,
             frames_per_second=self.fps,
             speed=self.speed,
-            dark=self.dark,
         )
         collection = open_collection(self.casts)
         if not len(collection):

@@ -32,8 +32,6 @@ class View(AimConfig):
     """Address to listen on; 0.0.0.0 lets every computer in the network in, without a password."""
     port: int = 8080
     """Port to listen on; the next free one if it is taken."""
-    dark: bool = False
-    """Start with dark colours."""
     arm_meshes: Annotated[pathlib.Path | None, argument("FILE", "simple shapes")] = None
     """MJCF or URDF file of your arm, whose meshes are drawn instead of simple shapes."""
 
@@ -57,7 +55,6 @@ class View(AimConfig):
                 config=AimConfig.of(self),
                 host=self.host,
                 port=self.port,
-                dark=self.dark,
                 arm_meshes=self.arm_meshes,
                 ready=_announce,
             )

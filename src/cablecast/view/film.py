@@ -19,14 +19,18 @@ from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.view.look import Shot
 from cablecast.view.shapes import (
+    ARM,
     BLUE,
     CABLE_RADIUS_MIN,
-    DARK,
     INK,
-    LIGHT,
+    JOINT,
     PURPLE,
     SKY,
+    TABLE,
+    TABLE_LINE,
+    TABLE_SIDE,
     VERMILLION,
+    WHITE,
     Array,
     Color,
     arm_rods,
@@ -66,14 +70,12 @@ class FilmConfig:
         height: Height [pixel], even.
         frames_per_second: Frames a second.
         speed: Shown seconds per second: 0.5 is slow motion.
-        dark: True for dark colours.
     """
 
     width: int = 960
     height: int = 540
     frames_per_second: int = 25
     speed: float = 1.0
-    dark: bool = False
 
     def __post_init__(self):
         for name in ("width", "height"):
@@ -144,11 +146,10 @@ def camera_behind_robot(
 class Painter:
     """Paints pictures [pixel] of casts at one table."""
 
-    def __init__(self, setup: Setup, width: int, height: int, *, dark: bool = False):
+    def __init__(self, setup: Setup, width: int, height: int):
         self.setup = setup
         self.size = (width, height)
         self._view = camera_behind_robot(setup, _SAMPLES * width, _SAMPLES * height)
-        self._paint = DARK if dark else LIGHT
         self._backdrop = self._painted_backdrop()
 
     def frame(self, shot: Shot, time: float, tries: list[Shot] | None = None) -> Image.Image:
@@ -165,7 +166,7 @@ class Painter:
             self._mark_target(pen, shot.target_xy)
         for earlier in tries or []:
             self._dot(pen, np.append(earlier.cast.endpoint_xy[-1], 0.01), 0.012, (123, 135, 148))
-        self._trail(pen, shot.cast.trail(time), self._paint.cable)
+        self._trail(pen, shot.cast.trail(time), BLUE)
         nodes, q = shot.cast.nodes_at(time), shot.cast.joints_at(time)
         self._cast_shadow(image, nodes, q)
         if shot.other is not None:
@@ -173,10 +174,10 @@ class Painter:
             if ghost is not None:
                 self._cable(pen, ghost, PURPLE, thin=True)
         if nodes is not None:
-            self._cable(pen, nodes, self._paint.cable)
+            self._cable(pen, nodes, BLUE)
         tip = nodes[-1] if nodes is not None else np.append(shot.cast.endpoint_at(time), 0.01)
         if np.all(np.isfinite(tip)):
-            self._dot(pen, tip, 0.016, self._paint.cable)
+            self._dot(pen, tip, 0.016, BLUE)
         if q is not None:
             self._arm(pen, q)
         if time >= shot.cast.duration:
@@ -185,18 +186,18 @@ class Painter:
         return image.resize(self.size, Image.Resampling.BOX)
 
     def _painted_backdrop(self) -> Image.Image:
-        paint, table = self._paint, self.setup.workspace
-        image = Image.new("RGB", (self._view.lens.width, self._view.lens.height), paint.page)
+        table = self.setup.workspace
+        image = Image.new("RGB", (self._view.lens.width, self._view.lens.height), WHITE)
         pen = ImageDraw.Draw(image, "RGBA")
         x, y0 = table.half_width, table.y_min
         top = self._table_top()
         front = np.array([[-x, y0, 0.0], [x, y0, 0.0], [x, y0, -0.04], [-x, y0, -0.04]])
-        self._polygon(pen, front, paint.side)
-        self._polygon(pen, top, paint.table)
+        self._polygon(pen, front, TABLE_SIDE)
+        self._polygon(pen, top, TABLE)
         for line in table_lines(self.setup, 0.25, 0.0):
-            self._line(pen, line, paint.line, 0.5)
+            self._line(pen, line, TABLE_LINE, 0.5)
         for segment in reach_arc(self.setup, 0.0):
-            self._line(pen, segment, paint.joint, 1.0)
+            self._line(pen, segment, JOINT, 1.0)
         return image
 
     def _table_top(self) -> Array:
@@ -211,11 +212,11 @@ class Painter:
             radius = float(rods.radii[rod])
             # From the rim to the light: a rod looks round.
             for share, light in ((1.0, 0.62), (0.86, 0.82), (0.6, 0.95), (0.3, 1.04)):
-                color = tuple(min(255, round(light * value)) for value in self._paint.arm)
+                color = tuple(min(255, round(light * value)) for value in ARM)
                 self._capsule(pen, segment, share * radius, (*color, 255))
             for end in segment:
                 for share, light in ((0.8, 0.8), (0.5, 1.0)):
-                    color = tuple(min(255, round(light * value)) for value in self._paint.joint)
+                    color = tuple(min(255, round(light * value)) for value in JOINT)
                     if radius > 0.03:
                         self._disc(pen, end, share * radius, (*color, 255))
 
@@ -259,14 +260,14 @@ class Painter:
         if shot.target_xy is None or not np.all(np.isfinite(landed)):
             return
         ends = level(np.stack([shot.target_xy, landed]), 0.004)
-        self._line(pen, ends, INK if self._paint is LIGHT else (240, 240, 240), 1.6)
+        self._line(pen, ends, INK, 1.6)
         self._dot(pen, np.append(landed, 0.01), 0.016, INK)
 
     def _write(self, pen: Any, text: str) -> None:
         if text:
             place = (self._view.lens.width / 2, self._view.lens.height * 0.94)
             font = ImageFont.load_default(size=_SAMPLES * max(12, self.size[1] // 30))
-            pen.text(place, text, fill=self._paint.text, font=font, anchor="mm")
+            pen.text(place, text, fill=INK, font=font, anchor="mm")
 
     def _depth(self, points: Array) -> Array:
         """Return the distances of points along the view [m], shape [...]."""
@@ -305,7 +306,7 @@ def film_frames(
     progress: ProgressCallback = ignore,
 ) -> Iterator[Image.Image]:
     """Yield the pictures of a film; see `write_film`."""
-    painter = Painter(setup, config.width, config.height, dark=config.dark)
+    painter = Painter(setup, config.width, config.height)
     for number, time in _instants(shots, config, progress):
         shot = shots[number]
         same = [one for one in shots[:number] if _same_target(one, shot)]
@@ -377,9 +378,8 @@ def film_html(
     try:
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = viewpoint(setup)
-        paint = DARK if config.dark else LIGHT
-        table = Table(server, setup, paint)
-        solid = Figure(server, "/solid", setup, paint.cable, paint=paint)
+        table = Table(server, setup)
+        solid = Figure(server, "/solid", setup, BLUE)
         ghost = Figure(server, "/ghost", setup, PURPLE, opacity=0.5, with_arm=False)
         solid.show(shots[0].cast, 0.0)
         serializer = server.get_scene_serializer()
@@ -393,6 +393,6 @@ def film_html(
             if shot.other is not None:
                 ghost.show(shot.other, time)
             serializer.insert_sleep(1.0 / config.frames_per_second)
-        return serializer.as_html(dark_mode=config.dark)
+        return serializer.as_html()
     finally:
         stop_server(server)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.config import AimConfig
 from cablecast.cable import PARAMS, CableParams
-from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.cast import EndpointTrack
 from cablecast.conventions import polar_to_xy
 from cablecast.errors import CablecastError, InputError
 from cablecast.motion.action import Action
@@ -27,7 +27,7 @@ from cablecast.runs.progress import ProgressCallback
 from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.film import KINDS, FilmConfig, write_film
-from cablecast.view.look import Collection, Shot, ShownCast, open_collection
+from cablecast.view.look import Collection, ShownCast, open_collection
 from cablecast.view.scene import FIGURE_COLORS, Stage, start_server, stop_server, update
 from cablecast.view.shapes import BLUE, SLATE, miss_map, viewpoint
 from cablecast.view.words import (
@@ -91,7 +91,6 @@ class Page:
         folder: Folder of the session, in that of the cable's results.
         host: Address to listen on; only this computer by default.
         port: Port to listen on; the next free one if it is taken.
-        dark: True for a page that starts dark.
         meshes: Meshes of the arm; drawn as rods where None.
         rate: Frames a second [1/s].
 
@@ -110,17 +109,18 @@ class Page:
         *,
         host: str = HOST,
         port: int = PORT,
-        dark: bool = False,
         meshes: ArmMeshes | None = None,
         rate: float = 25.0,
     ):
         self.desk, self.worker, self._prepare = desk, worker, prepare
+        self._folder = folder
         self._lock = threading.RLock()
         self._show_time: Callable[[float], None] = lambda time: None
         self.server = start_server(host, port)
         gui: Any = self.server.gui
         gui.add_html(PHONE_STYLE)
         gui.set_panel_label("cablecast")
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BLUE)
         gui.main_panel.dock_right()
         self.stage = Stage(
             self.server, desk.setup, lambda time: self._show_time(time), rate=rate, meshes=meshes
@@ -138,10 +138,9 @@ class Page:
         with tabs.add_tab("Share"):
             self._add_share_tab(gui)
         self._add_playback(gui)
-        self._add_view(gui, dark)
+        self._add_view(gui)
         if hasattr(desk.rig, "picture"):
             self._add_camera(gui)
-        self.set_dark(dark)
         self._rest: ShownCast | None = None
         # Not the scene's own clicks: those leave out taps of a finger.
         self.stage.table.on_click(self._clicked)
@@ -219,17 +218,6 @@ class Page:
             if one.number == number:
                 self._mark(one.target_xy)
                 self.stage.play({"measured": ShownCast.of_cast(one)})
-
-    def set_dark(self, dark: bool) -> None:
-        """Make the page dark or light."""
-        self.server.gui.configure_theme(
-            dark_mode=dark,
-            show_logo=False,
-            show_share_button=False,
-            brand_color=BLUE,
-            control_width="medium",
-        )
-        self.stage.set_dark(dark)
 
     def show_map(self, visible: bool) -> None:
         """Show or hide how far casts are expected to miss.
@@ -468,19 +456,8 @@ class Page:
                 "this target": desk.tries_at(desk.last.target_xy),
                 "all tries": [one for one in desk.tries if not desk.is_undone(one)],
             }[str(what.value)]
-            shots = []
-            for one in trials:
-                end = f"{one.miss_pct:.1f} % of the cable's length off"
-                if one.status is not TrialStatus.OK:
-                    end = one.status.value
-                shots.append(
-                    Shot(
-                        cast=ShownCast.of_cast(one),
-                        target_xy=one.target_xy,
-                        caption=f"try {one.try_number}",
-                        result=f"try {one.try_number}: {end}",
-                    )
-                )
+            collection = open_collection(self._folder)
+            shots = [collection.shot(one.number, desk.engine) for one in trials]
             width, height = _SIZES[str(size.value)]
             name = f"casts.{str(kind.value).lower()}"
             with tempfile.TemporaryDirectory(prefix="cablecast-") as folder:
@@ -521,13 +498,11 @@ class Page:
 
         self._show_time = show_time
 
-    def _add_view(self, gui: Any, dark: bool) -> None:
-        """Add the map of expected misses, and dark colours."""
+    def _add_view(self, gui: Any) -> None:
+        """Add the map of expected misses."""
         with gui.add_folder("View", expand_by_default=False):
             box = gui.add_checkbox("Where it can land", False, disabled=True)
             legend = gui.add_html(legend_text(self.desk.setup.cable.length), visible=False)
-            dark_box = gui.add_checkbox("Dark", dark)
-        dark_box.on_update(lambda _: self.set_dark(dark_box.value))
 
         def show_map() -> None:
             self.show_map(box.value)
@@ -755,7 +730,6 @@ def serve(
     config: AimConfig | None = None,
     host: str,
     port: int,
-    dark: bool = False,
     arm_meshes: str | os.PathLike[str] | None = None,
     ready: Callable[[str], None] | None = None,
 ) -> None:
@@ -767,7 +741,6 @@ def serve(
         config: Settings of aiming.
         host: Address to listen on.
         port: Port to listen on; the next free one if it is taken.
-        dark: True for a page that starts dark.
         arm_meshes: MJCF or URDF file whose meshes draw the arm; it is drawn as rods where None.
         ready: Told the address once the page can be opened.
 
@@ -784,7 +757,7 @@ def serve(
         session = prepare_aim(rig, config, out=folder, progress=report)
         desk.open_session(session, report)
 
-    page = Page(desk, worker, prepare, folder, host=host, port=port, dark=dark, meshes=meshes)
+    page = Page(desk, worker, prepare, folder, host=host, port=port, meshes=meshes)
     try:
         if ready is not None:
             ready(page.address)

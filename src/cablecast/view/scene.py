@@ -20,15 +20,19 @@ from cablecast.setup import Setup
 from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.look import ShownCast
 from cablecast.view.shapes import (
+    ARM,
     BLUE,
-    DARK,
     GREEN,
-    LIGHT,
+    INK,
+    JOINT,
     PURPLE,
+    TABLE,
+    TABLE_LINE,
+    TABLE_SIDE,
     VERMILLION,
+    WHITE,
     Array,
     Color,
-    Paint,
     Rods,
     arm_rods,
     circle,
@@ -63,7 +67,7 @@ FIGURE_COLORS: dict[str, Color] = {
     "sliders": PURPLE,
     "MuJoCo": (230, 159, 0),
 }
-"""Colours of the figures of a stage; that of the measured cast is the paint's."""
+"""Colours of the figures of a stage."""
 
 _PLAN_OPACITY = 0.5
 _REST_OPACITY = 0.25
@@ -189,11 +193,6 @@ class RodsDrawing:
         self._rods.batched_scales = rods.scales.astype(np.float32)
         self._balls.batched_positions = rods.joints[0].astype(np.float32)
 
-    def recolor(self, color: Color, joint_color: Color) -> None:
-        """Paint the rods and the balls."""
-        self._rods.batched_colors = np.array(_linear(color), dtype=np.uint8)
-        self._balls.batched_colors = np.array(_linear(joint_color), dtype=np.uint8)
-
     def show(self, visible: bool, opacity: float | None) -> None:
         """Show them with an opacity, None for solid ones, or hide them."""
         update(self._rods, visible=visible, opacity=opacity)
@@ -216,7 +215,6 @@ class Figure:
         color: Colour of the cable.
         opacity: Opacity of a ghost; None for a solid figure.
         with_arm: Initial value of the attribute.
-        paint: Colours of the arm.
         meshes: Meshes of the arm; drawn as rods where None.
 
     Attributes:
@@ -232,13 +230,12 @@ class Figure:
         *,
         opacity: float | None = None,
         with_arm: bool = True,
-        paint: Paint = LIGHT,
         meshes: ArmMeshes | None = None,
     ):
         self._server, self._name, self._setup = server, name, setup
         self._color, self._opacity, self.with_arm = color, opacity, with_arm
         self._arm_opacity = None if opacity is None else 0.5 * opacity
-        self._paint, self._meshes = paint, meshes
+        self._meshes = meshes
         self._rods: RodsDrawing | None = None
         self._drawn_meshes: MeshesDrawing | None = None
         self._cable: Any = None
@@ -306,8 +303,8 @@ class Figure:
                 self._server,
                 f"{self._name}/arm",
                 rods,
-                self._paint.arm if is_solid else self._color,
-                joint_color=self._paint.joint if is_solid else None,
+                ARM if is_solid else self._color,
+                joint_color=JOINT if is_solid else None,
                 opacity=self._arm_opacity,
             )
         self._rods.move(rods)
@@ -329,15 +326,6 @@ class Figure:
             receive_shadow=False,
         )
 
-    def repaint(self, paint: Paint, color: Color) -> None:
-        """Take the arm's colours from a light or dark scene, and another one for the cable."""
-        self._paint, self._color = paint, color
-        if self._rods is not None and self._opacity is None:
-            self._rods.recolor(paint.arm, paint.joint)
-        for part in (self._tip, self._trail, self._cable):
-            if part is not None:
-                part.color = color
-
     @property
     def visible(self) -> bool:
         """True while the figure is drawn."""
@@ -357,8 +345,8 @@ class Figure:
 class Table:
     """What lies on the table: scale, base frame, target, expectation, landings, and the map."""
 
-    def __init__(self, server: "viser.ViserServer", setup: Setup, paint: Paint = LIGHT):
-        self._server, self._setup, self._paint = server, setup, paint
+    def __init__(self, server: "viser.ViserServer", setup: Setup):
+        self._server, self._setup = server, setup
         self._blind: tuple[tuple[float, float, float], ...] = ()
         self._tries: list[Cast] = []
         scene = server.scene
@@ -387,21 +375,14 @@ class Table:
         )
         ground.on_click(action)
 
-    def repaint(self, paint: Paint) -> None:
-        """Take the colours of a light or dark scene."""
-        self._paint = paint
-        self._draw()
-        self._draw_blind()
-        self.landings(self._tries)
-
     def _draw(self) -> None:
         """Draw what does not move, over what was there."""
-        paint, scene, table = self._paint, self._server.scene, self._setup.workspace
+        scene, table = self._server.scene, self._setup.workspace
         width, depth = 2 * table.half_width, table.y_max - table.y_min
         middle = (table.y_min + table.y_max) / 2
         for name, color, margin, thickness, z in (
-            ("top", paint.table, 0.0, _THICKNESS, -_THICKNESS / 2),
-            ("frame", paint.side, 0.03, 0.03, -_THICKNESS - 0.004),
+            ("top", TABLE, 0.0, _THICKNESS, -_THICKNESS / 2),
+            ("frame", TABLE_SIDE, 0.03, 0.03, -_THICKNESS - 0.004),
         ):
             scene.add_box(
                 f"/room/{name}",
@@ -410,8 +391,8 @@ class Table:
                 position=(0.0, middle, z),
                 cast_shadow=False,
             )
-        self._lines("/room/lines", table_lines(self._setup, 0.25, LIFT / 2), paint.line, 1.0)
-        self._lines("/room/reach", reach_arc(self._setup, LIFT), paint.reach, 2.0)
+        self._lines("/room/lines", table_lines(self._setup, 0.25, LIFT / 2), TABLE_LINE, 1.0)
+        self._lines("/room/reach", reach_arc(self._setup, LIFT), JOINT, 2.0)
         edge = table.y_min - 0.07
         for x in np.arange(np.ceil(2 * -table.half_width) / 2, table.half_width + 1e-6, 0.5):
             name = f"x/{x:g}".replace("-", "m").replace(".", "_")
@@ -437,7 +418,7 @@ class Table:
         for number, (x, y, radius) in enumerate(self._blind):
             name = f"/room/blind/{number}"
             hatch = hatched_circle((x, y), radius, LIFT)
-            self._lines(f"{name}/hatch", hatch, self._paint.reach, 1.0)
+            self._lines(f"{name}/hatch", hatch, JOINT, 1.0)
             # On the near side, where it hides no target in the place.
             below = (x, y - radius - _TEXT_HEIGHT / 2, LIFT)
             self._text(f"{name}/label", "not seen", below, height=_TEXT_HEIGHT)
@@ -467,7 +448,7 @@ class Table:
                 continue
             name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
             x, y = map(float, one.final_xy)
-            color = self._paint.text if is_last else _EARLIER
+            color = INK if is_last else _EARLIER
             self._server.scene.add_icosphere(
                 f"{name}/ball", 0.014, color, position=(x, y, 0.012), cast_shadow=False
             )
@@ -479,7 +460,7 @@ class Table:
                 text += f":  {one.miss_pct * cable_length:.1f} cm, {one.miss_pct:.1f} %"
             if is_last or np.any(np.abs(_text_xy(one) - _text_xy(trials[-1])) > _TEXT_ROOM):
                 place = (*map(float, _text_xy(one)), _TEXT_LIFT)
-                plate = self._paint.page
+                plate = WHITE
                 self._text(f"{name}/label", text, place, color, _TEXT_HEIGHT, plate)
 
     def show_map(self, miss: Array | None) -> None:
@@ -490,7 +471,7 @@ class Table:
         table = self._setup.workspace
         self._server.scene.add_image(
             "/map",
-            map_image(miss, self._setup.cable.length),
+            map_image(miss, self._setup),
             2 * table.half_width,
             table.y_max - table.y_min,
             format="png",
@@ -519,7 +500,7 @@ class Table:
         plate: Color | None = None,
     ) -> None:
         """Lay a line of text on the table, to be read from the robot's side."""
-        image = text_image(text, color or self._paint.text, plate)
+        image = text_image(text, color or INK, plate)
         x, y, z = position
         self._server.scene.add_image(
             name,
@@ -694,7 +675,6 @@ class Stage:
         meshes: ArmMeshes | None,
     ):
         self._server, self._setup, self._meshes = server, setup, meshes
-        self._paint = LIGHT
         self.table = Table(server, setup)
         self.player = Player(on_frame, rate=rate)
         self.figures: dict[str, Figure] = {}
@@ -721,9 +701,8 @@ class Stage:
                     self._server,
                     f"/figures/{name}",
                     self._setup,
-                    self._color(name),
+                    FIGURE_COLORS[name],
                     opacity=_PLAN_OPACITY if name == "plan" else None,
-                    paint=self._paint,
                     meshes=self._meshes if name == "measured" else None,
                 )
             # Casts of one motion share the arm.
@@ -735,13 +714,3 @@ class Stage:
         """Hide a figure until it plays again."""
         if name in self.figures:
             self.figures[name].visible = False
-
-    def set_dark(self, dark: bool) -> None:
-        """Draw everything in dark or in light colours."""
-        self._paint = DARK if dark else LIGHT
-        self.table.repaint(self._paint)
-        for name, figure in self.figures.items():
-            figure.repaint(self._paint, self._color(name))
-
-    def _color(self, name: str) -> Color:
-        return self._paint.cable if name == "measured" else FIGURE_COLORS[name]

@@ -21,45 +21,12 @@ PURPLE: Color = (204, 121, 167)
 SKY: Color = (86, 180, 233)
 INK: Color = (31, 41, 51)
 SLATE: Color = (71, 85, 105)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Paint:
-    """Colours of a scene, light or dark."""
-
-    page: Color
-    table: Color
-    side: Color
-    line: Color
-    text: Color
-    arm: Color
-    joint: Color
-    reach: Color
-    cable: Color
-
-
-LIGHT = Paint(
-    page=(255, 255, 255),
-    table=(226, 214, 194),
-    side=(176, 158, 132),
-    line=(196, 182, 160),
-    text=INK,
-    arm=(196, 203, 212),
-    joint=(94, 119, 145),
-    reach=(94, 119, 145),
-    cable=BLUE,
-)
-DARK = Paint(
-    page=(26, 27, 30),
-    table=(88, 80, 70),
-    side=(58, 52, 45),
-    line=(112, 103, 91),
-    text=(230, 234, 240),
-    arm=(150, 160, 172),
-    joint=(70, 96, 124),
-    reach=(140, 168, 196),
-    cable=SKY,
-)
+WHITE: Color = (255, 255, 255)
+TABLE: Color = (226, 214, 194)
+TABLE_SIDE: Color = (176, 158, 132)
+TABLE_LINE: Color = (196, 182, 160)
+ARM: Color = (196, 203, 212)
+JOINT: Color = (94, 119, 145)
 
 CABLE_RADIUS_MIN = 0.006
 """Smallest radius at which a cable is drawn [m]: a thinner one vanishes on a screen."""
@@ -328,8 +295,8 @@ def miss_map(policy: Policy, step: float = _MAP_STEP) -> tuple[Array, Array]:
     return xy, miss.reshape(xy.shape[:2])
 
 
-def map_image(miss: Array, length: float) -> NDArray[np.uint8]:
-    """Return misses of `miss_map` [m], for a cable's length [m], as an image, far edge first.
+def map_image(miss: Array, setup: Setup) -> NDArray[np.uint8]:
+    """Return misses of `miss_map` [m] within reach as an image, far edge first.
 
     Its shape is [row, column, 4], with `_MAP_DETAIL` times as many rows and columns.
     """
@@ -340,11 +307,16 @@ def map_image(miss: Array, length: float) -> NDArray[np.uint8]:
         np.asarray(zoom(values, _MAP_DETAIL, order=1, grid_mode=True, mode="nearest"))
         for values in (known, np.nan_to_num(miss))
     )
+    table, length = setup.workspace, setup.cable.length
     at = 2.0 * np.clip(sums / np.maximum(weight, 1e-9) / (MAP_FULL_SHARE * length), 0.0, 1.0)
     low = np.clip(at.astype(int), 0, 1)
     part = (at - low)[..., None]
     colors = (1.0 - part) * MAP_COLORS[low] + part * MAP_COLORS[low + 1]
-    image = np.concatenate([colors, _MAP_OPACITY * (weight[..., None] > 0.5)], axis=-1)
+    rows, columns = at.shape
+    y = np.linspace(table.y_min, table.y_max, rows)[:, None, None]
+    x = np.linspace(-table.half_width, table.half_width, columns)[None, :, None]
+    seen = np.hypot(x, y) <= table.reach(length)
+    image = np.concatenate([colors, _MAP_OPACITY * seen], axis=-1)
     return np.flipud(image).astype(np.uint8)
 
 
