@@ -100,7 +100,7 @@ QUOTED: dict[str, tuple[str, float]] = {
         "--targets 66 --tries 2",
         20.0,
     ),
-    "reproduce": ("reproduce", 2.0),
+    "reproduce": ("reproduce --rig virtual:4", 3.0),
     "paper-way": (
         "casts --rigs virtual:4 --cables cable_1 --labs 0 1 --counts 280 --methods aim "
         "paper --targets 44 --tries 2",

@@ -21,6 +21,8 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from benchmarks.result import FOLDER, ROOT, Result, Table, quoted, show
 from cablecast.cable import load_cable
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
@@ -258,6 +260,39 @@ def figures(result: Result) -> str:
     return "**These figures are of an earlier run than the tables**, which are of the run below."
 
 
+SMALL = 0.5
+"""Size of a finding over the paper's below which the page says why."""
+
+
+def carries(result: Result) -> str:
+    """Return each finding of the paper beside ours, those that do not carry over first."""
+    from benchmarks.reproduction import FINDINGS
+
+    rows = []
+    for finding, paper, *ours in result.table("Findings").rows:
+        known = [value for value in ours if value is not None]
+        if not known:
+            rows.append((np.inf, finding, show(paper), "not in this run", "", "", ""))
+            continue
+        held, middle = sum(value > 0.0 for value in known), float(np.median(known))
+        interval = f"{middle:.1f}" + f" ({min(known):.1f} to {max(known):.1f})" * (len(known) > 1)
+        size = np.sign(middle) if paper is None else middle / paper
+        why = FINDINGS[finding][2] if size < SMALL else ""
+        words = "" if paper is None else f"{size:.2f}"
+        of = f"{held} of {len(known)}"
+        rows.append((size, finding, show(paper), interval, words, of, why))
+    rows.sort(key=lambda row: row[0])
+    columns = (
+        "finding",
+        "paper",
+        "ours: median over the laboratories (least to most)",
+        "ours over the paper's",
+        "sign carries over in",
+        "why not, as far as we know",
+    )
+    return Table("", columns, [row[1:] for row in rows]).markdown()
+
+
 VIEWS: dict[str, Callable[[Result], str]] = {
     "effects": effects,
     "tries": tries,
@@ -270,6 +305,7 @@ VIEWS: dict[str, Callable[[Result], str]] = {
     "closed forms": closed_forms,
     "lights": lights,
     "figures": figures,
+    "carries": carries,
 }
 
 

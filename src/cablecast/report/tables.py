@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES, published_candidate
+from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES
 from cablecast.evaluation.published import (
     METHOD_NAMES,
     PublishedRow,
@@ -292,20 +292,6 @@ def coverage_table(selection: Metrics) -> Table:
     )
 
 
-def more_casts_table(few: Mapping[str, Metrics], more: Mapping[str, Metrics]) -> Table | None:
-    """Compare equation 4 on the same casts after tuning with few and with more, by cable."""
-    rows = []
-    for cable in more:
-        counts = [str(metrics[cable]["training_count"]) for metrics in (few, more)]
-        means = [metrics[cable]["validation"]["tuned"]["mean_pct"] for metrics in (few, more)]
-        change = f"{100.0 * (means[1] / means[0] - 1.0):+.0f} %" if means[0] else pct(None)
-        cells = (" and ".join(counts), *map(pct, means), change, "+2 to +12 %")
-        rows.append(make_row(cable, *cells))
-    heads = ("cable", "casts", "with few", "with more", "change", "paper, 60 and 80")
-    title = "Equation 4 on validation casts, tuned with few and with more casts"
-    return Table(title=title, heads=heads, rows=tuple(rows)) if rows else None
-
-
 def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
     """Make table I: the simulator's distance from the rig before and after tuning, by cable."""
     rows = []
@@ -346,47 +332,6 @@ def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
         ),
         rows=tuple(rows),
         note="At rest: median of the final distance. On the way: equation 4. In % of cable length.",
-    )
-
-
-def difficulty_table(tunings: Mapping[str, Metrics], selection: Metrics | None) -> Table | None:
-    """Compare the rig's difficulty with the real one's: what was measured before any fit."""
-    rows = []
-    for cable, metrics in tunings.items():
-        paper = published_tuning(cable)
-        rows.append(
-            make_row(
-                f"{cable}: median distance at rest of an untuned simulator",
-                pct(metrics["validation"]["default"]["final_median_pct"]),
-                pct(paper.default_final_pct) if paper else "",
-            )
-        )
-    for result in selection["coverage"] if selection else ():
-        repeated = result["repeatability"]
-        if repeated is None:
-            continue
-        name = f"v_max {result['v_max']:g} m/s" + " with psi" * result["with_psi"]
-        paper = published_candidate(result["v_max"], result["with_psi"])
-        off_table = paper.off_table_share if paper else None
-        rows += [
-            make_row(
-                f"{name}: standard deviation of the distance of equal casts from their mean",
-                pct(repeated["distance_sd_pct"], 2),
-                pct(paper.scatter_pct, 2) if paper else "",
-            ),
-            make_row(f"{name}: its root mean square", pct(repeated["scatter_pct"], 2), ""),
-            make_row(
-                f"{name}: casts that left the table [%]",
-                pct(100 * repeated["off_table_share"]),
-                "" if off_table is None else pct(100 * off_table),
-            ),
-        ]
-    if not rows:
-        return None
-    return Table(
-        title="How difficult the rig is",
-        heads=("in % of cable length, unless stated otherwise", "here", "paper"),
-        rows=tuple(rows),
     )
 
 

@@ -126,8 +126,7 @@ def _run_in_processes(
                 process.stdin.flush()  # pyright: ignore[reportOptionalMemberAccess]
                 return pickle.load(process.stdout)  # pyright: ignore[reportArgumentType]
             except (EOFError, OSError, pickle.UnpicklingError):
-                message = "a process that simulates ended: is there enough memory?"
-                return CablecastError(message)
+                return CablecastError("a process that simulates ended: is there enough memory?")
             finally:
                 idle.put(process)
 
