@@ -236,24 +236,16 @@ class Arm(abc.ABC):
         return values | {"limits": self.limits.to_dict()}
 
     def forward(self, q: ArrayLike) -> Array:
-        """Return the pose of the flange in the base frame.
+        """Return T_base_flange, shape [..., 4, 4], at joint angles [rad], shape [..., joint].
 
-        Args:
-            q: Joint angles [rad], shape [..., joint].
-
-        Returns:
-            T_base_flange, shape [..., 4, 4]; z of the flange points out of it.
+        z of the flange points out of it.
         """
         return self.frames(q)[-1]
 
     def grip_pose(self, q: ArrayLike) -> Array:
-        """Return the pose of the gripped cable end.
+        """Return the pose of the gripped cable end at joint angles [rad], shape [..., joint].
 
-        Args:
-            q: Joint angles [rad], shape [..., joint].
-
-        Returns:
-            x, y, z [m], yaw, pitch [rad] as in a GripPath, shape [..., 5].
+        It is x, y, z [m], yaw, pitch [rad] as in a GripPath, shape [..., 5].
         """
         T = self.forward(q)
         # The cable leaves the fingers along -y of the flange, whose z points down.

@@ -494,9 +494,7 @@ class _Solver:
 def _curvature(rates: Array, forces: Array) -> Array:
     """Return the second derivatives of a flange's pose, weighted by forces, [pose, joint, joint].
 
-    Args:
-        rates: Jacobian, shape [pose, 6, joint].
-        forces: Weights of velocity and angular velocity, shape [pose, 6].
+    Its Jacobian has the shape [pose, 6, joint], forces that of velocity and angular velocity.
     """
     linear, axes = np.swapaxes(rates[:, :3], 1, 2), np.swapaxes(rates[:, 3:], 1, 2)
     # Joint i turns what joint j, beyond it, does.

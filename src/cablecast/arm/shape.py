@@ -36,9 +36,7 @@ class ArmShape:
 def arm_shape(q: ArrayLike, arm: Arm) -> ArmShape:
     """Return the arm as capsules: its links from the foot on, palm and fingers.
 
-    Args:
-        q: Joint angles [rad], shape [time, joint].
-        arm: Model, mounting and gripper of the arm.
+    Joint angles [rad] have the shape [time, joint].
     """
     frames = arm.frames(q)
     links = arm.links(frames)
@@ -56,16 +54,10 @@ def arm_shape(q: ArrayLike, arm: Arm) -> ArmShape:
 
 
 def sight_clearance(points: Array, camera: ArrayLike, shape: ArmShape) -> Array:
-    """Return the distance between the arm and the lines of sight to some points.
+    """Return the distance between the arm and the lines of sight to points [m], shape [time, 3].
 
-    Args:
-        points: Points that the camera looks at [m], shape [time, 3].
-        camera: Place of the camera [m], shape [3].
-        shape: Arm at the same times.
-
-    Returns:
-        Smallest distance between each line of sight and the surface of a capsule, measured where
-        the line passes it; negative where the arm hides the point [m], shape [time].
+    It is the smallest from each line to the surface of a capsule, measured where the line passes
+    it, and negative where the arm hides the point [m], shape [time].
     """
     start, end = shape.ends[:, :, 0], shape.ends[:, :, 1]
     gap = segment_distance(start, end, np.asarray(camera, dtype=float), points[:, None, :])
@@ -76,12 +68,7 @@ def find_collision(arm: Arm, robot: RobotConfig, q: Array) -> str | None:
     """Return the first thing that a path comes too close to, or None.
 
     The gripper is one capsule from the flange to the grip. It works at the table, so that only its
-    axis must stay above it.
-
-    Args:
-        arm: Geometry of the arm.
-        robot: Clearance, tool radius and obstacles.
-        q: Joint angles [rad], shape [step, joint].
+    axis must stay above it. Joint angles [rad] have the shape [step, joint].
     """
     parts = _parts(arm, q, robot.tool_radius)
     for name in list(parts)[_STANDING:]:
@@ -107,13 +94,8 @@ def find_collision(arm: Arm, robot: RobotConfig, q: Array) -> str | None:
 def self_gaps(arm: Arm, q: Array, tool_radius: float = 0.04) -> dict[tuple[str, str], Array]:
     """Return the distances between parts of an arm that can meet when it folds.
 
-    Args:
-        arm: Geometry of the arm.
-        q: Joint angles [rad], shape [step, joint].
-        tool_radius: Radius of the gripper, a capsule from the flange to the grip [m].
-
-    Returns:
-        Distance between the surfaces of two parts [m], shape [step], by their names.
+    Those between the surfaces of two parts [m] have the shape [step], by their names. The gripper
+    is a capsule from the flange to the grip, of the tool's radius [m].
     """
     parts = _parts(arm, q, tool_radius)
     return {
@@ -144,18 +126,9 @@ def _gap(part: tuple[Array, float], other: tuple[Array, float]) -> Array:
 
 
 def segment_distance(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return the distance between the segments ab and cd.
+    """Return the distance [m], shape [...], between the segments ab and cd, ends [m], [..., 3].
 
     Source: C. Ericson, "Real-Time Collision Detection", section 5.1.9.
-
-    Args:
-        a: Start of the first segment [m], shape [..., 3], as that of all four.
-        b: End of the first segment [m].
-        c: Start of the second segment [m].
-        d: End of the second segment [m].
-
-    Returns:
-        Distance [m], shape [...].
     """
     u, v, w = b - a, d - c, a - c
     uu, vv, uv = (np.sum(x * y, axis=-1) for x, y in ((u, u), (v, v), (u, v)))

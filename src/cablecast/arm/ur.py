@@ -203,14 +203,9 @@ class ArmUR(Arm):
         return LINKS[self.model]
 
     def frames(self, q: ArrayLike) -> list[Array]:
-        """Return the poses of the DH frames in the base frame.
+        """Return the poses of the seven DH frames in the base frame, each of shape [..., 4, 4].
 
-        Args:
-            q: Joint angles [rad], shape [..., 6].
-
-        Returns:
-            Seven poses, each of shape [..., 4, 4]: joint k turns about z of frame k, and the last
-            frame is the flange.
+        Joint k turns about z of frame k, and the last frame is the flange.
         """
         q = np.asarray(q, dtype=float)
         T = np.zeros((*q.shape[:-1], 4, 4))
@@ -239,16 +234,9 @@ class ArmUR(Arm):
     def inverse_motion(
         self, poses: ArrayLike, velocities: ArrayLike, accelerations: ArrayLike
     ) -> JointMotion:
-        """Return joint angles along moving poses, with exact rates and accelerations.
+        """Return joint angles along moving poses; see `Arm.inverse_motion`. Rates are exact.
 
-        Args:
-            poses: x, y, z [m], yaw, pitch [rad], shape [..., 5]. If any is tilted, all are solved
-                by the slower general form.
-            velocities: Their first derivatives, same shape.
-            accelerations: Their second derivatives, same shape.
-
-        Returns:
-            Joint motion; NaN where a pose is out of reach.
+        If any pose is tilted, all are solved by the slower general form.
         """
         p, v, a = (np.asarray(values, dtype=float) for values in (poses, velocities, accelerations))
         solve = tilted_motion if np.any(_tilted(p)) else _level_motion
@@ -381,15 +369,7 @@ def _two_link(
 def tilted_motion(arm: ArmUR, poses: Array, velocities: Array, accelerations: Array) -> JointMotion:
     """Return joint angles along moving poses of any pitch, with exact rates and accelerations.
 
-    Args:
-        arm: Geometry of the arm.
-        poses: x, y, z [m], yaw, pitch [rad], shape [..., 5].
-        velocities: Their first derivatives, same shape.
-        accelerations: Their second derivatives, same shape.
-
-    Returns:
-        Joint motion; NaN where a pose is out of reach. Its radii are those of the first wrist
-        joint.
+    The radii are those of the first wrist joint.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         q, radius, radius_min, radius_max = _angles(arm, poses)
