@@ -224,22 +224,10 @@ class _Log:
             )
         )
 
-    def run_fit(
-        self,
-        stage: str,
-        fit: TrackFit,
-        state: FitState,
-        iterations: int,
-        screening: tuple[int, int] | None = None,
-    ) -> FitState:
-        """Take some steps of a fit; the misfit is renewed once after the first half of them.
-
-        `screening` is a number of steps, and of points that go on after these.
-        """
+    def run_fit(self, stage: str, fit: TrackFit, state: FitState, iterations: int) -> FitState:
+        """Take some steps of a fit; the misfit is renewed once after the first half of them."""
         length = self.cable.length
         for done in range(iterations):
-            if screening is not None and done == screening[0]:
-                state = state.best(screening[1])
             state, is_new = self._step(stage, fit, state)
             if done == iterations // 2:
                 state = fit.rescaled(state)
@@ -271,9 +259,6 @@ class _Log:
 
 WIDEN_MAX = 2
 """Times that ranges are widened at most."""
-
-# Steps from every starting point, of which the best then go on, and how many go on at last.
-_COARSE_SCREENING, _FINE_SCREENING = 2, (1, 2)
 
 # A parameter must be this much better known than before for its bound to be in the way.
 _KNOWN = 0.7
@@ -394,13 +379,12 @@ def _fit_in(
     prior = ParamPrior.for_cable(cable, space)
     fit = TrackFit(coarse, space, prior)
     state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
-    screening = _COARSE_SCREENING, config.fine_start_count
-    state = log.run_fit(COARSE, fit, state, config.coarse_iterations, screening)
+    state = log.run_fit(COARSE, fit, state, config.coarse_iterations)
     points = state.best(config.fine_start_count).points
     for attempt in range(WIDEN_MAX + 1):
         fit = TrackFit(fine, space, ParamPrior.for_cable(cable, space))
         state = fit.start(points, state.misfit)
-        state = log.run_fit(FINE, fit, state, config.fine_iterations, _FINE_SCREENING)
+        state = log.run_fit(FINE, fit, state, config.fine_iterations)
         posterior = _posterior(fit, state)
         wider = None if attempt == WIDEN_MAX else _widened(posterior, space, cable)
         if wider is None:
