@@ -55,7 +55,7 @@ class LabsArgs:
     epochs: int = 30
     """Largest number of passes over them."""
     tries: int = 3
-    """Casts at each target."""
+    """Casts at each target; with 0 refusals alone are judged, in seconds a laboratory."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/labs")
     """Folder of the results, in which the same command resumes."""
 
@@ -142,7 +142,7 @@ def play(args: LabsArgs, seed: int) -> dict[str, Any]:
         row = {"xy": place.tolist(), "reachable": near <= within, "refused": refused}
         found["targets"].append(row)
         aimed += [] if refused else [row]
-    if aimed:
+    if aimed and args.tries:
         found |= aim_at(args, setup, truth, aimed)
     return found | {"seconds": time.monotonic() - start}
 
@@ -214,16 +214,16 @@ def outcomes(found: list[dict[str, Any]]) -> Table:
 
 def refusals(found: list[dict[str, Any]]) -> Table:
     """Return how many targets are refused, before any cast or after some, and how rightly."""
-    targets = [row for lab in found for row in lab["targets"] if row["refused"] or "stop" in row]
     counts = collections.Counter(
-        (row["reachable"], "refused" if row["refused"] else "stopped" if row["stop"] else "aimed")
-        for row in targets
+        (row["reachable"], "refused" if row["refused"] else "stopped" if row.get("stop") else "at")
+        for lab in found
+        for row in lab["targets"]
     )
     rows = [
-        (words, *(counts[reachable, what] for what in ("refused", "stopped", "aimed")))
+        (words, *(counts[reachable, what] for what in ("refused", "stopped", "at")))
         for reachable, words in ((True, "a random cast lands there"), (False, "none does"))
     ]
-    columns = ("target", "refused before any cast", "stopped after some", "all tries")
+    columns = ("target", "refused before any cast", "stopped after some", "cast at")
     return Table("Targets", columns, rows)
 
 
