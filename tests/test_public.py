@@ -69,7 +69,6 @@ MISTAKES = {
     "reproduce('runs', budget='quick')": "budget must be Budget",
     "save_setup({}, 'lab.yaml')": "setup must be Setup, not dict",
     "PolarCastingPolicy(setup='cable_1')": "setup must be Setup",
-    "EndpointTrack(times=[0], endpoint_xy=[[0, 1]], status='ok')": "status must be TrialStatus",
     "EngineWarp('cpu')": "segment_count = 'cpu' is not a whole number",
     "EngineWarp().rollout(SETUP.cable, [[0.1, 0.2]])": "grip_path must be GripPath, not list",
     "Setup(arm='ur5e')": "arm must be a Arm, not str",

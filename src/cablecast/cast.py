@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.conventions import Ellipse
-from cablecast.errors import InputError, check_number, says_what_it_takes
+from cablecast.errors import InputError, check_number
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, Trajectory, plan_trajectory
 from cablecast.setup import Setup
@@ -89,7 +89,6 @@ class ControllerLog:
                 )
 
 
-@says_what_it_takes
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class EndpointTrack:
     """Path of the cable's endpoint during one trial.
