@@ -217,3 +217,26 @@ def test_the_picture_of_the_camera_is_sent_small_and_in_the_order_of_a_browser()
     small = shrunk(picture)
     assert small.shape == (27, 480, 3)
     assert small[0, 0].tolist() == [0, 0, 200]
+
+
+def test_casts_of_getting_ready_are_played_and_no_cable_stays_where_none_was_seen(
+    rig, engine, policy, tmp_path, drawn
+):
+    page = Page(Desk(rig, engine), Worker(), lambda report: None, tmp_path, port=0)
+    session = AimSession(policy)
+    played = []
+    page.stage.play = lambda casts, **options: played.append(casts["measured"])
+    rig.reset()
+    rig.execute(session.propose(TARGET).trajectory)
+    motion, seen = played + list(page._unseen)
+    assert motion.nodes is None
+    assert np.all(np.isfinite(seen.nodes))
+    for cast, is_drawn in ((seen, True), (motion, False)):
+        page.stage.show({"measured": cast}, 0.0)
+        assert ("/figures/measured/cable" in drawn(page.server)) == is_drawn
+    # Once targets can be chosen, what is cast is shown by whoever casts.
+    page.desk.set_session(session)
+    rig.reset()
+    rig.execute(session.propose(TARGET).trajectory)
+    assert len(played) + len(page._unseen) == 2
+    page.close()

@@ -274,6 +274,8 @@ class Figure:
         self._show_arm(self.with_arm)
         if nodes is not None:
             self._draw_cable(nodes)
+        if self._cable is not None:
+            update(self._cable, visible=nodes is not None)
         tip = nodes[-1] if nodes is not None else np.append(cast.endpoint_at(time), 0.01)
         update(self._tip, visible=bool(np.all(np.isfinite(tip))))
         if self._tip.visible:
