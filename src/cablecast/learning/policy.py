@@ -625,7 +625,7 @@ class PaperPolicy(ForwardSearchPolicy):
     def _choose(
         self, targets: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
-        _, chosen = self.tree.query(targets)
+        chosen = np.asarray(self.tree.query(targets)[1], dtype=np.intp)
         return chosen, self.actions[chosen], self.predicted_xy[chosen]
 
 

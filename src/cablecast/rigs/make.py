@@ -1,6 +1,7 @@
 """make_rig: the rig of a name, a factory or an object, behind the checks of CheckedRig."""
 
 import contextlib
+import dataclasses
 import importlib
 import inspect
 import os
@@ -63,8 +64,10 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
     if laboratory is not None:
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
-        names = zip(("version", "lab_seed"), laboratory.groups(), strict=True)
-        config = VirtualConfig(**{name: int(value) for name, value in names if value is not None})
+        version, lab = laboratory.groups()
+        config = VirtualConfig(lab_seed=int(lab or 0))
+        if version is not None:
+            config = dataclasses.replace(config, version=int(version))
         return RigVirtual(setup, seed, config)
     if spec == "engine" or (isinstance(spec, str) and spec.startswith("engine:")):
         from cablecast.engines import make_engine

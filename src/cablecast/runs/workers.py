@@ -13,6 +13,7 @@ import queue
 import signal
 import subprocess
 import sys
+import typing
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -122,9 +123,12 @@ def _run_in_processes(
         def ask(arguments: tuple[Any, ...]) -> Any:
             process = idle.get()
             try:
-                pickle.dump((function, (*arguments, *shared)), process.stdin)
-                process.stdin.flush()  # pyright: ignore[reportOptionalMemberAccess]
-                return pickle.load(process.stdout)  # pyright: ignore[reportArgumentType]
+                asked, answers = (
+                    typing.cast(typing.IO, p) for p in (process.stdin, process.stdout)
+                )
+                pickle.dump((function, (*arguments, *shared)), asked)
+                asked.flush()
+                return pickle.load(answers)
             except (EOFError, OSError, pickle.UnpicklingError):
                 return CablecastError("a process that simulates ended: is there enough memory?")
             finally:
