@@ -15,15 +15,16 @@ SEARCH = cc.TuneConfig(population_size=6, generations=2)
 # The servo of the virtual arm trails its set points by some 50 ms; the reported pose of the
 # gripper then lies some centimetres behind the commanded one [m].
 LAG_DISTANCE = 0.15
-# A policy of 300 coarse casts lands within a cable length of a target inside the coverage.
-MEDIAN_PCT_MAX = 100.0
+# First tries of a policy of 600 coarse casts, after five real ones, miss by a fifth of a length.
+MEDIAN_PCT_MAX = 50.0
 
 
 @pytest.mark.slow
 def test_a_ur5e_before_a_turned_table_goes_through_the_pipeline(tmp_path):
     setup = cc.load_setup(LAB)
     assert (setup.workspace.half_width, setup.workspace.y_max) == (0.6, 1.8)
-    targets = np.array([[0.2, 1.0], [-0.2, 1.0], [0.1, 0.9], [-0.1, 0.9]])
+    # Straight ahead: a wide sweep of this light rope passes the edge of a table of 1.2 m.
+    targets = np.array([[0.1, 1.2], [-0.1, 1.2], [0.05, 1.1], [-0.05, 1.1]])
     with cc.make_rig("virtual", setup) as rig:
         casts = cc.collect(rig, count=5, out=tmp_path / "casts")
         tuned = cc.tune(casts, config=SEARCH, segment_count=10, dt=0.002)
@@ -56,7 +57,6 @@ def test_a_ur5e_before_a_turned_table_goes_through_the_pipeline(tmp_path):
     pose = [[0.0, 0.6, 0.02, 0.0, 0.0]]
     turn = setup.arm.inverse(pose) - straight.arm.inverse(pose)
     np.testing.assert_allclose(turn, [[np.pi / 2, 0, 0, 0, 0, 0]], atol=1e-12)
-    # What a model of 600 casts aims at may be hidden by the arm, or leave the table.
-    assert evaluation.summary.count >= 1
+    assert evaluation.summary.count == len(targets)
     assert evaluation.summary.median_pct < MEDIAN_PCT_MAX
     assert tuned.dynamics.servo is not None

@@ -23,7 +23,7 @@ from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_ranges
 from cablecast.pipeline.check import check
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import Claim, record_run
+from cablecast.runs.folder import METRICS_FILE, Claim, record_run
 from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
@@ -75,7 +75,8 @@ def collect(
     check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
     setup = rig.setup
     found = check(setup, changes=False)
-    progress(Progress(task=f"Checking {setup.cable.name}", note=found.summary))
+    if out is None or not (pathlib.Path(out) / METRICS_FILE).is_file():
+        progress(Progress(task=f"Checking {setup.cable.name}", note=found.summary))
     how = sampling or SAMPLINGS[purpose]
     ranges = feasible_ranges(setup, psi)
     given = None
