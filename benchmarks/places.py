@@ -38,7 +38,7 @@ METHODS = (*LOOPS, "simulated", "fine-tuning", "paper")
 """simulated: the policy of the fitted simulator alone. fine-tuning: `train` with the real casts.
 paper: Differential Evolution, then fine-tuning where there are enough casts."""
 
-RIGS = ("virtual", "strange", "even", "patchy", "engine", "example")
+RIGS = ("virtual", "strange", "even", "patchy", "chain", "engine", "example")
 """virtual: the package's laboratory. strange: other parameters, uneven friction, curl, servo, and
 scatter. even: strange with one friction everywhere. patchy: strange with the mean friction along
 the way of the free end. engine: the package's engine with other parameters. example: the rig of the
@@ -47,6 +47,7 @@ DIFFERENCES: dict[str, dict[str, Any]] = {
     "strange": {},
     "even": {"unevenness": 0.0},
     "patchy": {"along": True},
+    "chain": {"unevenness": 0.0, "chain": True},
 }
 """Arguments of the strange rig by name of the rig."""
 EXAMPLE_RIG = pathlib.Path(__file__).parents[1] / "examples" / "05_your_own_rig.py"

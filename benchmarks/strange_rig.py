@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.capsule_chain import CapsuleChain
 from cablecast.cable import CableParams
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.base import SETTLE_TIME, CableState, reset_state
@@ -82,6 +83,7 @@ class StrangeRig(RigLifecycle):
         unevenness: Standard deviation of the friction from place to place over its mean [-].
         along: True for a cast with the mean friction along the way of its free end; False for one
             with the friction of the place where it comes to rest.
+        chain: True for a chain of capsules in MuJoCo in place of the engine; a cast takes a second.
     """
 
     def __init__(
@@ -92,6 +94,7 @@ class StrangeRig(RigLifecycle):
         scatter: Scatter | None = None,
         unevenness: float = 0.08,
         along: bool = False,
+        chain: bool = False,
     ):
         super().__init__()
         self.setup, self.seed, self.lab_seed = setup, seed, lab_seed
@@ -108,7 +111,7 @@ class StrangeRig(RigLifecycle):
             damping=np.full(6, 0.78),
         )
         self.rate_max = float(rng.uniform(2.1, 2.5))
-        self.engine = EngineWarp(SEGMENT_COUNT, DT, thread_count=1)
+        self.engine = CapsuleChain() if chain else EngineWarp(SEGMENT_COUNT, DT, thread_count=1)
         self.description: dict[str, Any] = {
             "rig": "strange",
             "seed": seed,
@@ -116,6 +119,7 @@ class StrangeRig(RigLifecycle):
             "scatter": dataclasses.asdict(self.scatter),
             "unevenness": unevenness,
             "along": along,
+            "chain": chain,
         }
 
     def seek(self, index: int, purpose: str = "") -> None:
@@ -133,7 +137,7 @@ class StrangeRig(RigLifecycle):
         # The friction follows from where the cable goes: find its way, then the friction there.
         for _ in range(2):
             params = self._params(factor)
-            state = reset_state(self.setup.cable.with_params(params), path, SEGMENT_COUNT)
+            state = reset_state(self.setup.cable.with_params(params), path, self.engine.segment_count)
             rollout = self.engine.rollout(
                 self.setup.cable.with_params(params),
                 path,
@@ -143,6 +147,8 @@ class StrangeRig(RigLifecycle):
             )
             xy, times = rollout.endpoint_xy[0], rollout.times
             factor = (1.0 + friction) * self._friction_of(xy)
+            if not self.unevenness:
+                break
         seen = xy + rng.normal(scale=0.001, size=xy.shape)
         status = self._status(xy, trajectory)
         if status is TrialStatus.OCCLUDED:
