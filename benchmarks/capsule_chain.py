@@ -108,7 +108,7 @@ class CapsuleChain:
             "</body>"
         )
         body = tip
-        for index in reversed(range(1, count)):
+        for _ in range(count - 1):
             body = f'<body pos="0 {length} 0">{joint}{geom}{body}</body>'
         return f"""<mujoco>
           <option timestep="{self.dt}" integrator="implicitfast" cone="elliptic" impratio="5"

@@ -41,7 +41,8 @@ paper: Differential Evolution, then fine-tuning where there are enough casts."""
 RIGS = ("virtual", "strange", "even", "patchy", "chain", "engine", "example")
 """virtual: the package's laboratory. strange: other parameters, uneven friction, curl, servo, and
 scatter. even: strange with one friction everywhere. patchy: strange with the mean friction along
-the way of the free end. engine: the package's engine with other parameters. example: the rig of the
+the way of the free end. chain: strange with one friction and a chain of capsules in MuJoCo as its
+cable. engine: the package's engine with other parameters. example: the rig of the
 documentation's example."""
 DIFFERENCES: dict[str, dict[str, Any]] = {
     "strange": {},

@@ -137,9 +137,10 @@ class StrangeRig(RigLifecycle):
         # The friction follows from where the cable goes: find its way, then the friction there.
         for _ in range(2):
             params = self._params(factor)
-            state = reset_state(self.setup.cable.with_params(params), path, self.engine.segment_count)
+            cable = self.setup.cable.with_params(params)
+            state = reset_state(cable, path, self.engine.segment_count)
             rollout = self.engine.rollout(
-                self.setup.cable.with_params(params),
+                cable,
                 path,
                 _bent(state, angle, self.curl + bow),
                 duration=duration,
