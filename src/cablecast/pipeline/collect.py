@@ -74,15 +74,15 @@ def collect(
     """
     check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
     setup = rig.setup
-    found = check(setup, changes=False)
-    if out is None or not (pathlib.Path(out) / METRICS_FILE).is_file():
-        progress(Progress(task=f"Checking {setup.cable.name}", note=found.summary))
     how = sampling or SAMPLINGS[purpose]
+    if out is None or not (pathlib.Path(out) / METRICS_FILE).is_file():
+        found = check(setup, changes=False)
+        progress(Progress(task=f"Checking {setup.cable.name}", note=found.summary))
+        if how == "spread" and not found.reaches_anything:
+            raise InputError(check(setup).refusal())
     ranges = feasible_ranges(setup, psi)
     given = None
     if how == "spread":
-        if not found.reaches_anything:
-            raise InputError(check(setup).refusal())
         given = choose_actions(how, purpose, count, setup, ranges, seed)
     with folder_or_temporary(out) as folder:
         dataset = collect_dataset(
