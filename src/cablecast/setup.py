@@ -298,9 +298,6 @@ def update_lab_file(path: pathlib.Path, changes: Mapping[str, Mapping[str, Any]]
     Args:
         path: Lab file.
         changes: New values by section and key.
-
-    Raises:
-        InputError: There is no such file, or the changed file would be no set-up.
     """
     try:
         text = read_text(path)

@@ -70,11 +70,7 @@ class JointLimits:
         joint_count: int,
         usual: Mapping[str, tuple[float, ...]] | None = None,
     ) -> "JointLimits":
-        """Return limits from plain values, which go before the usual ones.
-
-        Raises:
-            InputError: A key is unknown or missing, or a value is not one number per joint.
-        """
+        """Return limits from plain values, which go before the usual ones."""
         known = {field.name for field in dataclasses.fields(cls)}
         rows = dict(usual or {}) | {
             name: tuple(row) if isinstance(row, (list, tuple)) else row

@@ -145,11 +145,7 @@ class RobotConfig:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "RobotConfig":
-        """Make the settings from plain values.
-
-        Raises:
-            InputError: A key is unknown or missing, or a value out of bounds.
-        """
+        """Make the settings from plain values."""
         fields = dataclasses.fields(cls)
         required = {f.name for f in fields if f.default is dataclasses.MISSING}
         values = check_keys(values, {f.name for f in fields}, "robot", required=required)

@@ -184,9 +184,6 @@ class ArmSerial(Arm):
         """Return joint angles along moving poses, with their rates and accelerations.
 
         Height and pitch of the grip must not change: the pitch is 0.
-
-        Raises:
-            IKError: Height or pitch change, or the arm cannot hold the grip at this height at all.
         """
         p, v, a = (np.asarray(values, dtype=float) for values in (poses, velocities, accelerations))
         z = float(p[..., 2].flat[0])

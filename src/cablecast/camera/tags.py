@@ -167,11 +167,7 @@ class TagLayout:
 
     @classmethod
     def from_dict(cls, values: Any, family: str = FAMILY) -> "TagLayout":
-        """Make a layout from plain values: a list of tags, or tags and their family.
-
-        Raises:
-            InputError: The values describe no layout.
-        """
+        """Make a layout from plain values: a list of tags, or tags and their family."""
         values = values if isinstance(values, Mapping) else {"tags": values}
         values = check_keys(values, {"family", "tags"}, "a tag layout", required={"tags"})
         if not isinstance(values["tags"], list):
@@ -267,11 +263,7 @@ class TableFit:
 
 
 def read_touches(path: pathlib.Path) -> dict[int, Point]:
-    """Return touched points from a CSV file with the columns tag, x_m, y_m, z_m.
-
-    Raises:
-        InputError: There is no such file, or it holds something else.
-    """
+    """Return touched points from a CSV file with the columns tag, x_m, y_m, z_m."""
     points: dict[int, Point] = {}
     for number, row in enumerate(read_csv(path, ("tag", "x_m", "y_m", "z_m")), start=2):
         try:

@@ -161,11 +161,7 @@ class Aim(AimConfig, _Targets):
 def _within_reach(
     setup: "Setup", targets: "NDArray[np.float64]", *, anyway: bool
 ) -> "tuple[NDArray[np.float64], list[str]]":
-    """Return the targets to cast at, and a line for each that no believed cable reaches.
-
-    Raises:
-        InputError: None of them is reached, and it was not said to cast anyway.
-    """
+    """Return the targets to cast at, and a line for each that no believed cable reaches."""
     from cablecast.cli.options import polar_text
     from cablecast.cli.progress import console_progress
     from cablecast.pipeline.check import check

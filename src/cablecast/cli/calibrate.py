@@ -91,27 +91,17 @@ class Calibrate:
             )
 
     def _lens(self) -> None:
+        from cablecast.cli.options import picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.camera import calibrate_lens_of
         from cablecast.vision.calibration import Board
 
         across, down = self.squares
-        board = Board(
-            column_count=across,
-            row_count=down,
-            square=self.square,
-            tag=self.tag,
-            family=self.family,
-        )
+        size = picked(self, "square", "tag", "family")
+        board = Board(column_count=across, row_count=down, **size)
         with console_progress() as progress:
-            fit = calibrate_lens_of(
-                self.setup,
-                board=board,
-                pictures=self.pictures,
-                count=self.count,
-                write=self.write,
-                progress=progress,
-            )
+            options = picked(self, "pictures", "count", "write")
+            fit = calibrate_lens_of(self.setup, board=board, progress=progress, **options)
         pattern = "older pattern, of OpenCV before 4.6" if fit.board.legacy else "pattern of today"
         print(f"board     {pattern}, in {fit.picture_count} pictures")
         print(f"misfit    {fit.rms_px:.2f} px")

@@ -3,7 +3,7 @@
 import dataclasses
 import pathlib
 import typing
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cablecast.cli.options import (
     ArcRadius,
@@ -57,55 +57,34 @@ class Collect:
 
     def run(self) -> int | None:
         """Collect, and print the number of casts."""
-        from cablecast.cli.options import load_lab, open_rig
+        from cablecast.cli.options import load_lab, open_rig, picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.collect import check_collect, collect
         from cablecast.runs.places import CASTS_FOLDERS, cable_folder
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
         out = self.out or cable_folder(setup.cable.name) / CASTS_FOLDERS[self.purpose]
-        check_collect(
-            purpose=self.purpose,
-            count=self.count,
-            sampling=self.sampling,
-            seed=self.seed,
-            out=out,
-        )
+        options = picked(self, "purpose", "count", "sampling", "seed")
+        check_collect(**options, out=out)
         if self.dry_run:
-            return self._dry_run(setup)
+            return self._dry_run(setup, options)
         with (
             open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig,
             console_progress() as progress,
         ):
-            dataset = collect(
-                rig,
-                purpose=self.purpose,
-                count=self.count,
-                sampling=self.sampling,
-                psi=self.psi,
-                seed=self.seed,
-                out=out,
-                progress=progress,
-            )
+            dataset = collect(rig, **options, psi=self.psi, out=out, progress=progress)
         shares = ", ".join(f"{n} {code}" for code, n in dataset.status_counts.items())
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")
         return None
 
-    def _dry_run(self, setup: "Setup") -> int:
+    def _dry_run(self, setup: "Setup", options: dict[str, Any]) -> int:
         """Print what would be done, and return 2 if something would not go."""
         from cablecast.errors import InputError
         from cablecast.pipeline.dry_run import dry_run
 
         if self.rig != "ur":
             raise InputError(f"--dry-run is for --rig ur, not for {self.rig[:60]}")
-        findings = dry_run(
-            setup,
-            purpose=self.purpose,
-            count=self.count,
-            sampling=self.sampling,
-            psi=self.psi,
-            seed=self.seed,
-        )
+        findings = dry_run(setup, **options, psi=self.psi)
         for finding in findings:
             mark = "ok  " if finding.problem is None else "NOT "
             print(f"{mark}{finding.what}: {finding.problem or finding.detail}")

@@ -53,6 +53,7 @@ class Evaluate:
 
     def run(self) -> None:
         """Evaluate, write the results, and print the table of errors."""
+        from cablecast.cli.options import picked
         from cablecast.cli.progress import console_progress
         from cablecast.evaluation.published import published_rows
         from cablecast.learning.policy import ForwardSearchPolicy
@@ -72,15 +73,8 @@ class Evaluate:
         model = policy.model if isinstance(policy, ForwardSearchPolicy) else None
         check_evaluate(model, repeats=self.repeats, device=self.device, out=out)
         with self._rig(policy, out) as rig, console_progress() as progress:
-            evaluation = evaluate(
-                policy,
-                rig,
-                repeats=self.repeats,
-                method=self.method,
-                device=self.device,
-                out=out,
-                progress=progress,
-            )
+            options = picked(self, "repeats", "method", "device")
+            evaluation = evaluate(policy, rig, **options, out=out, progress=progress)
         print_table(evaluation.metrics, published_rows(cable.name))
         print(f"metrics  {out / 'metrics.json'}\ncasts    {out / TRIALS_FILE}")
         print(f"report   {out / REPORT_FILE}")

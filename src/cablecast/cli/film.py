@@ -35,6 +35,7 @@ class Film:
 
     def run(self) -> None:
         """Read the casts, and write the film."""
+        from cablecast.cli.options import picked
         from cablecast.cli.progress import console_progress
         from cablecast.engines.warp_ import EngineWarp
         from cablecast.errors import InputError
@@ -45,12 +46,8 @@ class Film:
         if self.out.suffix.lower() not in KINDS:
             raise InputError(f"--out {self.out} must end in one of {', '.join(KINDS)}")
         check_writable(self.out, self.force)
-        config = FilmConfig(
-            width=self.width,
-            height=self.height,
-            frames_per_second=self.fps,
-            speed=self.speed,
-        )
+        options = picked(self, "width", "height", "speed")
+        config = FilmConfig(**options, frames_per_second=self.fps)
         collection = open_collection(self.casts)
         if not len(collection):
             raise InputError(f"{self.casts} holds no cast yet")

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from cablecast.setup import Setup
 
 Device = typing.Literal["cpu", "cuda"]
+SimulatorDevice = Annotated[
+    Device,
+    tyro.conf.arg(help="Simulate on the processor or on an NVIDIA graphics card."),
+]
 Engine = Annotated[
     EngineName,
     tyro.conf.arg(
@@ -44,6 +48,11 @@ def argument(metavar: str, default: str | None = None, text: str | None = None) 
     """Return the entry of an argument in `--help`; `default` describes a default of None."""
     hint = None if default is None else f"(default: {default})"
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint, help=text)
+
+
+def picked(verb: Any, *names: str) -> dict[str, Any]:
+    """Return options of a verb that a function takes by the same names."""
+    return {name: getattr(verb, name) for name in names}
 
 
 _Places = tuple[tuple[float, float], ...]

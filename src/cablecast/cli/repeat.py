@@ -44,7 +44,7 @@ class Repeat:
 
     def run(self) -> None:
         """Repeat, and print the table."""
-        from cablecast.cli.options import load_lab, open_rig
+        from cablecast.cli.options import load_lab, open_rig, picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.repeat import (
             ACTIONS_FILE,
@@ -58,28 +58,14 @@ class Repeat:
         setup = load_lab(self.setup, self.cable, r0=self.r0)
         chosen = None if self.actions is None else read_actions(self.actions)
         out = self.out or cable_folder(setup.cable.name) / rig_folder("repeat", self.rig)
-        check_repeat(
-            combinations=self.combinations,
-            repeats=self.repeats,
-            action_count=self.action_count,
-            actions=chosen,
-            seed=self.seed,
-            out=out,
-        )
+        options = picked(self, "combinations", "repeats", "action_count", "seed")
+        options |= {"actions": chosen, "out": out}
+        check_repeat(**options)
         with (
             open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig,
             console_progress() as progress,
         ):
-            repeated = repeat(
-                rig,
-                combinations=self.combinations,
-                repeats=self.repeats,
-                action_count=self.action_count,
-                actions=chosen,
-                seed=self.seed,
-                out=out,
-                progress=progress,
-            )
+            repeated = repeat(rig, **options, progress=progress)
         print_table(repeated.metrics["combinations"], self.rig)
         print(f"metrics  {out / 'metrics.json'}\nfigure   {out / FIGURE_FILE}")
         for name in self.combinations:

@@ -38,7 +38,7 @@ class Reproduce:
 
     def run(self) -> int:
         """Run every stage that is not done, and print the order of methods and the report."""
-        from cablecast.cli.options import load_lab
+        from cablecast.cli.options import load_lab, picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.reproduce import FULL, QUICK, QUICK_SLOW, reproduce
         from cablecast.report.reproduction import METHOD_NAMES
@@ -52,12 +52,8 @@ class Reproduce:
                 self.out or RUNS_FOLDER / name,
                 setup=load_lab(self.setup, None),
                 budget=quick if self.quick else FULL,
-                rig=self.rig,
-                engine=self.engine,
-                seed=self.seed,
-                device=self.device,
-                workers=self.workers,
                 progress=progress,
+                **picked(self, "rig", "engine", "seed", "device", "workers"),
             )
         print("median error at the 32 targets, in % of cable length:")
         for method, median_pct in reproduced.medians_pct.items():

@@ -4,7 +4,15 @@ import dataclasses
 import pathlib
 from typing import Annotated, Any
 
-from cablecast.cli.options import CableName, Device, Engine, LabFile, TunedParams, Workers, argument
+from cablecast.cli.options import (
+    CableName,
+    Engine,
+    LabFile,
+    SimulatorDevice,
+    TunedParams,
+    Workers,
+    argument,
+)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -32,13 +40,12 @@ class Select:
     grid_psi: int = 10
     """Values of each action variable with one; the paper used 10, and 5 for the turn itself."""
     engine: Engine = "warp"
-    device: Device = "cpu"
-    """Simulate on the processor or on an NVIDIA graphics card."""
+    device: SimulatorDevice = "cpu"
     workers: Workers = "local"
 
     def run(self) -> None:
         """Measure, choose, and print the table."""
-        from cablecast.cli.options import load_lab
+        from cablecast.cli.options import load_lab, picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.select import FIGURE_FILE, load_repeated, select
         from cablecast.runs.places import SELECT_FOLDER, cable_folder
@@ -52,25 +59,18 @@ class Select:
                 None if self.params is None else load_tuned(self.params, setup),
                 repeated=None if self.repeat is None else load_repeated(self.repeat, setup.cable),
                 scatter_max_pct=self.scatter_max,
-                grid=self.grid,
-                grid_psi=self.grid_psi,
-                engine=self.engine,
-                device=self.device,
-                workers=self.workers,
                 out=out,
                 progress=progress,
+                **picked(self, "grid", "grid_psi", "engine", "device", "workers"),
             )
         print_choice(selection.metrics)
         print(f"metrics  {out / 'metrics.json'}\nfigure   {out / FIGURE_FILE}")
 
 
-def _key(result: dict[str, Any]) -> tuple[float, float, bool]:
-    return result["r0"], result["v_max"], result["with_psi"]
-
-
 def print_choice(metrics: dict[str, Any]) -> None:
     """Print the coverage of every combination in metrics.json, and the choice."""
     from cablecast.cli import tables
+    from cablecast.pipeline.select import combination
     from cablecast.report.tables import pct
 
     ratio = metrics["coverage"][0]["hull_ratio"]
@@ -88,7 +88,7 @@ def print_choice(metrics: dict[str, Any]) -> None:
             str(row["feasible_count"]),
             pct(100 * row["share"]),
             "" if scatter_pct is None else pct(scatter_pct, 2),
-            style="bold" if _key(row) == _key(chosen) else "",
+            style="bold" if combination(row) == combination(chosen) else "",
         )
     table.add_section()
     table.add_row("polar casting", "", "", "", pct(100 * metrics["polar_casting"]["share"]), "")

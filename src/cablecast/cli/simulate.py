@@ -7,10 +7,10 @@ from typing import Annotated
 from cablecast.cli.options import (
     ArcRadius,
     CableName,
-    Device,
     Engine,
     GripSpeed,
     LabFile,
+    SimulatorDevice,
     TunedParams,
     Workers,
     argument,
@@ -35,8 +35,7 @@ class Simulate:
     seed: int = 0
     """Seed of the actions. The same seed gives the same dataset."""
     engine: Engine = "warp"
-    device: Device = "cpu"
-    """Simulate on the processor or on an NVIDIA graphics card."""
+    device: SimulatorDevice = "cpu"
     workers: Workers = "local"
     params: TunedParams = None
     v_max: GripSpeed = None
@@ -50,7 +49,7 @@ class Simulate:
 
     def run(self) -> None:
         """Simulate, and print the number of casts."""
-        from cablecast.cli.options import load_lab
+        from cablecast.cli.options import load_lab, picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.simulate import simulate
         from cablecast.runs.places import DATASET_FOLDER, cable_folder
@@ -58,21 +57,11 @@ class Simulate:
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
         out = self.out or cable_folder(setup.cable.name) / DATASET_FOLDER
+        tuned = None if self.params is None else load_tuned(self.params, setup)
+        options = picked(self, "count", "psi", "seed", "engine", "device", "workers")
+        options |= picked(self, "segment_count", "dt")
         with console_progress() as progress:
-            dataset = simulate(
-                setup,
-                None if self.params is None else load_tuned(self.params, setup),
-                count=self.count,
-                psi=self.psi,
-                seed=self.seed,
-                engine=self.engine,
-                segment_count=self.segment_count,
-                dt=self.dt,
-                device=self.device,
-                workers=self.workers,
-                out=out,
-                progress=progress,
-            )
+            dataset = simulate(setup, tuned, **options, out=out, progress=progress)
         counts = dataset.status_counts
         shares = ", ".join(f"{100 * n / len(dataset):.1f} % {code}" for code, n in counts.items())
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")

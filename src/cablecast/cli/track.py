@@ -59,13 +59,12 @@ class Track:
 
     def run(self) -> None:
         """Track, write the results, and print the status of the trial."""
-        from cablecast.cli.options import load_lab
+        from cablecast.cli.options import load_lab, picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.track_video import TrackConfig, track_video
         from cablecast.runs.places import RUNS_FOLDER
 
-        names = [field.name for field in dataclasses.fields(TrackConfig)]
-        config = TrackConfig(**{name: getattr(self, name) for name in names})
+        config = TrackConfig(**picked(self, *(f.name for f in dataclasses.fields(TrackConfig))))
         name = "track-" + (re.sub(r"[^\w.-]+", "_", self.video.stem).strip(".") or "video")
         out = self.out or RUNS_FOLDER / name
         with console_progress() as progress:

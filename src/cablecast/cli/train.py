@@ -56,7 +56,7 @@ class Train:
 
     def run(self) -> None:
         """Train, and print the error of the model."""
-        from cablecast.cli.options import cable_name, check_same_setup
+        from cablecast.cli.options import cable_name, check_same_setup, picked
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.learning.network import ForwardModel
@@ -79,14 +79,10 @@ class Train:
             policy = train(
                 casts.get("simulated"),
                 casts.get("real"),
-                method=self.method,
                 start=None if self.start is None else ForwardModel.load(self.start),
-                epochs=self.epochs,
-                candidate_count=self.candidate_count,
-                seed=self.seed,
-                device=self.device,
                 out=out,
                 progress=progress,
+                **picked(self, "method", "epochs", "candidate_count", "seed", "device"),
             )
         print(f"The model of {cable.name} is in {out}: {_errors(policy.model.metrics)}")
 

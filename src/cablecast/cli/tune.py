@@ -5,7 +5,7 @@ import pathlib
 import typing
 from typing import Annotated, Any
 
-from cablecast.cli.options import Device, Engine, Workers, argument
+from cablecast.cli.options import Engine, SimulatorDevice, Workers, argument
 
 if typing.TYPE_CHECKING:
     from cablecast.cable import CableParams
@@ -48,8 +48,7 @@ class Tune:
     """Motion of the gripper to simulate: the commanded or the measured one; auto takes the measured
     one if the rig reported it."""
     engine: Engine = "warp"
-    device: Device = "cpu"
-    """Simulate on the processor or on an NVIDIA graphics card."""
+    device: SimulatorDevice = "cpu"
     workers: Workers = "local"
     segment_count: Annotated[int | None, argument("INT", "the engine's")] = None
     """Segments of the simulated cable."""
@@ -58,7 +57,7 @@ class Tune:
 
     def run(self) -> None:
         """Tune, and print the table of distances."""
-        from cablecast.cli.options import cable_name, check_same_setup
+        from cablecast.cli.options import cable_name, check_same_setup, picked
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.tune import TRACKS_FILE, tune
@@ -77,20 +76,10 @@ class Tune:
         if self.method == "least-squares":
             config = FitConfig(seed=self.seed)
         out = self.out or cable_folder(casts.cable.name) / TUNE_FOLDER
+        options = picked(self, "validation_count", "path", "segment_count", "dt")
+        options |= picked(self, "engine", "device", "workers")
         with console_progress() as progress:
-            tuned = tune(
-                casts,
-                config=config,
-                validation_count=self.validation_count,
-                path=self.path,
-                segment_count=self.segment_count,
-                dt=self.dt,
-                engine=self.engine,
-                device=self.device,
-                workers=self.workers,
-                out=out,
-                progress=progress,
-            )
+            tuned = tune(casts, config=config, **options, out=out, progress=progress)
         print_table(tuned.metrics, casts.cable.name)
         for line in tuned.metrics["open"]:
             print(f"note: {line}")

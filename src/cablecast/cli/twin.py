@@ -44,20 +44,14 @@ class Twin:
 
     def run(self) -> None:
         """Run until interrupted."""
-        from cablecast.cli.options import load_lab
+        from cablecast.cli.options import load_lab, picked
         from cablecast.rigs.ur.twin.laboratory import TwinConfig
         from cablecast.rigs.ur.twin.process import TwinProcess
 
         setup = load_lab(self.setup, self.cable)
-        config = TwinConfig(
-            address=self.address,
-            rate=self.rate,
-            seed=self.seed,
-            segment_count=self.segment_count,
-            patience=PATIENCE,
-            program_size_max=self.program_size_max,
-            generation=self.generation,
-        )
+        options = picked(self, "address", "rate", "seed", "segment_count")
+        options |= picked(self, "program_size_max", "generation")
+        config = TwinConfig(**options, patience=PATIENCE)
         generation = config.generation_of(setup.arm.model)
         faults = [_fault(text) for text in self.fault]
         with TwinProcess(setup, config) as twin:

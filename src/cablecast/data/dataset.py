@@ -368,11 +368,7 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
 
 
 def table_dataset(table: Any, info: dict[str, Any], path: pathlib.Path | None = None) -> Dataset:
-    """Return the dataset that a pyarrow table of checked rows holds.
-
-    Raises:
-        DatasetError: A trial's status is unknown.
-    """
+    """Return the dataset that a pyarrow table of checked rows holds."""
 
     def stack(names: tuple[str, ...]) -> NDArray[np.float64]:
         return np.stack([table[name].to_numpy() for name in names], axis=-1)

@@ -19,7 +19,7 @@ from cablecast.cast import TrialStatus
 from cablecast.data.dataset import Dataset
 from cablecast.errors import DatasetError
 from cablecast.motion.action import ACTION_NAMES
-from cablecast.motion.trajectory import JointPath
+from cablecast.motion.trajectory import joints_at
 
 VERSION = "v3.0"
 VIDEO_KEY = "observation.images.top"
@@ -102,11 +102,11 @@ def episodes_of(dataset: Dataset, fps: int) -> list[Episode]:
         endpoint, seen = _resampled(track.times, track.endpoint_xy, times)
         done = np.arange(count) == count - 1
         columns = {
-            "observation.state": _joints_at(state, times),
+            "observation.state": joints_at(state, times),
             "observation.endpoint": endpoint,
             "observation.endpoint_seen": seen,
             "observation.cast": np.tile(np.nan_to_num(dataset.actions[row]), (count, 1)),
-            "action": _joints_at(target, times + 1.0 / fps),
+            "action": joints_at(target, times + 1.0 / fps),
             "next.done": done,
             "next.success": done & (track.status is TrialStatus.OK),
             "timestamp": timestamps,
@@ -290,10 +290,6 @@ def _episode_row(episode: Episode, task: str, fps: int, video: Video | None) -> 
     for name, values in episode.items():
         row |= {f"stats/{name}/{key}": value for key, value in statistics(values).items()}
     return row
-
-
-def _joints_at(path: JointPath, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.stack([np.interp(times, path.times, joint) for joint in path.q.T], axis=-1)
 
 
 def _resampled(

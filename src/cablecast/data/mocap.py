@@ -43,9 +43,6 @@ class MocapFrame:
         Args:
             path: CSV file with a row for each point: x_m, y_m, z_m in our frame, and mocap_x_m,
                 mocap_y_m, mocap_z_m as the system measures it.
-
-        Raises:
-            InputError: There is no such file, or the points give no frame.
         """
         columns = ("x_m", "y_m", "z_m", "mocap_x_m", "mocap_y_m", "mocap_z_m")
         places, points = np.split(np.array(read_numbers(path, columns, 3)), 2, axis=1)
@@ -80,11 +77,7 @@ class Take:
 
     @classmethod
     def load(cls, path: pathlib.Path, frame: MocapFrame) -> "Take":
-        """Read a take as Motive (CSV) or Vicon (Nexus, Tracker; CSV or ASCII) exports it.
-
-        Raises:
-            InputError: There is no such file, or it is no such take.
-        """
+        """Read a take as Motive (CSV) or Vicon (Nexus, Tracker; CSV or ASCII) exports it."""
         try:
             text = read_bytes(path, JSON_SIZE_MAX).decode("utf-8-sig", errors="replace")
         except FileNotFoundError as error:

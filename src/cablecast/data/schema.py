@@ -167,11 +167,7 @@ def read_info(path: pathlib.Path) -> dict[str, Any]:
 
 
 def check_info(info: dict[str, Any], path: pathlib.Path) -> None:
-    """Refuse a description that this version cannot read.
-
-    Raises:
-        DatasetError: It is of another schema version, or its numbers contradict each other.
-    """
+    """Refuse a description that this version cannot read."""
     if info.get("schema_version") != SCHEMA_VERSION:
         raise DatasetError(
             f"{path} has schema version {str(info.get('schema_version'))[:20]}: this cablecast "

@@ -168,11 +168,7 @@ class CastStore:
         return None if self._run is None else self._run.path
 
     def add(self, cast: Cast) -> None:
-        """Keep a cast.
-
-        Raises:
-            InputError: Another process has added casts meanwhile.
-        """
+        """Keep a cast."""
         number = len(self)
         if self._run is not None:
             with self._run.locked():
@@ -185,11 +181,7 @@ class CastStore:
         self.casts.append(cast)
 
     def add_dataset(self, casts: Dataset) -> int:
-        """Keep the casts of a dataset that are not here yet, and return their number.
-
-        Raises:
-            InputError: The casts were simulated, or made with another set-up.
-        """
+        """Keep the casts of a dataset that are not here yet, and return their number."""
         if casts.kind == "sim":
             raise InputError("a store keeps casts of a rig: these were simulated")
         if casts.setup.to_settings() != self.setup.to_settings():

@@ -29,10 +29,9 @@ from cablecast.data.schema import (
     shard_bytes,
     shard_path,
 )
-from cablecast.errors import CablecastError, DatasetError
+from cablecast.errors import DatasetError
 from cablecast.files import write_bytes, write_json, write_text
 from cablecast.runs.folder import Claim, fingerprint, flat_settings, hold_folder, plain_settings
-from cablecast.setup import SECTIONS, Setup
 
 _CARD_FILE = pathlib.Path(__file__).with_name("card.md")
 
@@ -241,26 +240,11 @@ class DatasetWriter:
             self._claim.refuse_foreign_files()
             return None
         check_info(info, self.path)
-        there = with_later_keys(info["settings"])
         self._claim.refuse_differences(
-            {"kind": info["kind"], "shard_rows": info["shard_rows"], **there},
+            {"kind": info["kind"], "shard_rows": info["shard_rows"], **info["settings"]},
             {"kind": self.kind, "shard_rows": self.shard_rows, **self.settings},
         )
-        # Its shards name these: keys that later versions added leave them as they are.
-        self.settings = info["settings"]
         return info
-
-
-def with_later_keys(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return stored settings with the keys that later versions added to the set-up, at defaults.
-
-    A collection on a robot resumes after an update of the package.
-    """
-    try:
-        setup = Setup.from_dict({name: settings[name] for name in SECTIONS})
-    except (KeyError, CablecastError):
-        return dict(settings)
-    return {**settings, **plain_settings(setup.to_settings())}
 
 
 def _features(columns: Iterable[Column]) -> dict[str, dict[str, Any]]:

@@ -31,11 +31,7 @@ class CableRows:
 
     @classmethod
     def of(cls, cable: Cable | Sequence[Cable]) -> "CableRows":
-        """Return the rows of a cable that all worlds share, or of one for each world.
-
-        Raises:
-            InputError: There is no cable, or one of several has parameters for each world.
-        """
+        """Return the rows of a cable that all worlds share, or of one for each world."""
         cables = (cable,) if isinstance(cable, Cable) else tuple(cable)
         if not cables:
             raise InputError("a batch needs a cable, or one for each world, not none")
@@ -64,11 +60,7 @@ class CableRows:
 
 
 def one_cable(cable: Cable | Sequence[Cable]) -> Cable:
-    """Return the cable of an engine whose worlds share it.
-
-    Raises:
-        InputError: There are several.
-    """
+    """Return the cable of an engine whose worlds share it."""
     cables = [cable] if isinstance(cable, Cable) else list(cable)
     if len(cables) != 1:
         raise InputError(
@@ -241,11 +233,7 @@ SETTLE_TIME = 2.0
 
 
 def batch_size(*counts: int | None) -> int:
-    """Return the number of worlds that several arguments agree on; None and 1 go with any.
-
-    Raises:
-        InputError: Two arguments disagree.
-    """
+    """Return the number of worlds that several arguments agree on; None and 1 go with any."""
     sizes = sorted({count for count in counts if count not in (None, 1)})
     if len(sizes) > 1:
         raise InputError(f"arguments have different numbers of worlds: {sizes}")

@@ -47,11 +47,7 @@ from cablecast.motion.grip_path import GripPath
 
 
 def load_pybullet() -> Any:
-    """Return the module, and swallow the build time that it prints on standard error.
-
-    Raises:
-        MissingExtraError: PyBullet is not installed.
-    """
+    """Return the module, and swallow the build time that it prints on standard error."""
     if (library := sys.modules.get("pybullet")) is not None:
         return library
     sys.stderr.flush()

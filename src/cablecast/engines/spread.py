@@ -106,11 +106,7 @@ def is_slow(engine: Engine) -> bool:
 
 
 def remade(engine: Engine) -> tuple[type, dict[str, Any]]:
-    """Return a picklable spec of an engine, its class and arguments: compiled kernels are not.
-
-    Raises:
-        InputError: The engine works in this process only.
-    """
+    """Return a picklable spec of an engine, its class and arguments: compiled kernels are not."""
     make = getattr(engine, "remade", None)
     if make is None:
         raise InputError(f"{type(engine).__name__} works in this process only: workers = 'local'")

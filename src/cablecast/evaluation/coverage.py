@@ -211,11 +211,7 @@ def published_candidate(v_max: float, with_psi: bool) -> Candidate | None:
 
 
 def choose_r0(candidates: Sequence[Candidate]) -> tuple[float, str]:
-    """Return the r0 with the largest coverage, averaged over the speeds without psi, and why.
-
-    Raises:
-        InputError: There is no candidate without psi.
-    """
+    """Return the r0 with the largest coverage, averaged over the speeds without psi, and why."""
     shares: dict[float, list[float]] = {}
     for candidate in candidates:
         if not candidate.with_psi:

@@ -151,11 +151,7 @@ class Repeatability:
 
     @classmethod
     def from_dataset(cls, dataset: Dataset) -> "Repeatability":
-        """Group the casts that `collect_dataset` made for the purpose "repeat" by action.
-
-        Raises:
-            DatasetError: The dataset holds no repeats.
-        """
+        """Group the casts that `collect_dataset` made for the purpose "repeat" by action."""
         repeats = dataset.extra.get("repeat")
         if repeats is None:
             raise DatasetError(f"{dataset.path or 'the dataset'} holds no repeated casts")

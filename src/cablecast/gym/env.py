@@ -216,11 +216,7 @@ class CastTask:
 
 
 def feasible_mask(actions: Array, setup: Setup) -> NDArray[np.bool_]:
-    """Return which actions, of any finite values, are casting motions that the arm can make.
-
-    Raises:
-        InputError: An action is not finite: a learner has diverged.
-    """
+    """Return which actions, of any finite values, are casting motions that the arm can make."""
     if np.any(bad := ~np.all(np.isfinite(actions), axis=1)):
         row = int(np.argmax(bad))
         raise InputError(f"action {row} = {actions[row].tolist()} is not finite")

@@ -280,11 +280,7 @@ def _most_broken(found: Feasibility) -> str:
 
 
 def feasible_of_grid(counts: Sequence[int], setup: Setup) -> NDArray[np.float64]:
-    """Return the feasible actions of a `grid_actions` of the set-up's ranges, shape [action, 4].
-
-    Raises:
-        InputError: The counts are out of bounds, or no action of the grid is feasible.
-    """
+    """Return the feasible actions of a `grid_actions` of the set-up's ranges, shape [action, 4]."""
     check_count("grid size", math.prod(counts), 1, ACTION_COUNT_MAX)
     grid = grid_actions(feasible_ranges(setup), counts)
     actions = grid[check_actions(grid, setup).mask]
@@ -356,9 +352,6 @@ def feasible_uniform(
 
     Returns:
         Actions in drawing order, shape [count, 4].
-
-    Raises:
-        InputError: The count is not positive, or no drawn action is feasible.
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)

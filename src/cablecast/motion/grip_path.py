@@ -485,11 +485,7 @@ class PlanePath:
         self._before += list(states[1:])
 
     def grip_path(self) -> GripPath:
-        """Return the path so far as one row.
-
-        Raises:
-            InputError: The path has no move yet.
-        """
+        """Return the path so far as one row."""
         if not self._after:
             raise InputError("a path needs at least one move")
         after = [*self._after, self._before[-1]]

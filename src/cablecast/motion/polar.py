@@ -194,11 +194,7 @@ class PolarReach:
 
     @classmethod
     def of(cls, setup: Setup, config: PolarCastConfig | None = None) -> "PolarReach":
-        """Return the region for the cable and table of a set-up.
-
-        Raises:
-            InputError: The region is empty: the cable is too long for the table.
-        """
+        """Return the region for the cable and table of a set-up."""
         cable, workspace = setup.cable, setup.workspace
         config = config or PolarCastConfig.of(workspace)
         reach = cls(
@@ -363,11 +359,7 @@ def reset_pose(workspace: Workspace) -> Array:
 def polar_cast_path(
     endpoint_xy: ArrayLike, setup: Setup, config: PolarCastConfig | None = None
 ) -> GripPath:
-    """Return the motion from the reset pose that brings the endpoint to a point of `PolarReach`.
-
-    Raises:
-        InputError: The point lies outside the region.
-    """
+    """Return the motion from the reset pose that brings the endpoint to a point of `PolarReach`."""
     cable, workspace = setup.cable, setup.workspace
     config = config or PolarCastConfig.of(workspace)
     reach = PolarReach.of(setup, config)

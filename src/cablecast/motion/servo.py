@@ -346,11 +346,7 @@ class ServoModel:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "ServoModel":
-        """Return the model that `to_dict` described.
-
-        Raises:
-            InputError: A value is missing, unknown or out of bounds.
-        """
+        """Return the model that `to_dict` described."""
         try:
             arrays = {
                 name: np.array([_UNKNOWN.get(name) if v is None else v for v in column], float)

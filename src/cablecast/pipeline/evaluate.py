@@ -133,11 +133,7 @@ def check_evaluate(
 def engine_rig(
     model: LandingModel, device: str = "cpu", engine: EngineName | None = None
 ) -> CheckedRig:
-    """Return the simulator of a model's training casts as a rig, or another engine of its cable.
-
-    Raises:
-        InputError: The model was not trained on simulated casts.
-    """
+    """Return the simulator of a model's training casts as a rig, or another engine of its cable."""
     settings = model.settings
     if not settings.is_simulated:
         raise InputError("the model was not trained on simulated casts: its simulator is unknown")

@@ -90,11 +90,7 @@ def check_measured(setup: Setup) -> None:
 
 
 def check_writable(path: pathlib.Path, force: bool) -> None:
-    """Refuse to overwrite anything but a regular file, and that only if it is forced.
-
-    Raises:
-        InputError: The path exists.
-    """
+    """Refuse to overwrite anything but a regular file, and that only if it is forced."""
     if not (path.exists() or path.is_symlink()):
         return
     if not path.is_file() or path.is_symlink():

@@ -186,11 +186,7 @@ def _finish(
 
 
 def read_actions(path: str | os.PathLike[str]) -> Array:
-    """Return the actions of a CSV file, shape [action, 4].
-
-    Raises:
-        InputError: It cannot be read, or holds something that is no action.
-    """
+    """Return the actions of a CSV file, shape [action, 4]."""
     rows = read_csv(os.fspath(path), _ACTION_COLUMNS)
     try:
         values = [[float(row[name]) for name in _ACTION_COLUMNS] for row in rows]

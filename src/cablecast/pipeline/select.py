@@ -174,8 +174,8 @@ def _survey(
     for v_max in V_MAX_CHOICES:
         measure(best_r0, v_max, True)
     for result in results:
-        key = _key(result)
-        result["repeatability"] = next((row for row in rows if _key(row) == key), None)
+        key = combination(result)
+        result["repeatability"] = next((row for row in rows if combination(row) == key), None)
     best, reasons = choose([_candidate(result) for result in results], scatter_max_pct)
     polar = polar_casting_region(setup)
     radius = setup.workspace.reach(setup.cable.length)
@@ -206,11 +206,7 @@ def _draw(run: RunFolder, setup: Setup, metrics: dict[str, Any]) -> None:
 
 
 def load_repeated(folder: str | os.PathLike[str], cable: Cable) -> list[dict[str, Any]]:
-    """Return what `cablecast repeat` measured of each combination.
-
-    Raises:
-        InputError: The folder holds no finished run of it, or one with another cable.
-    """
+    """Return what `cablecast repeat` measured of each combination."""
     run = RunFolder.read(folder)
     metrics = run.metrics if run is not None and run.command == "repeat" else None
     if run is None or metrics is None:
@@ -231,14 +227,14 @@ def _scatter_rows(
     return repeated.metrics["combinations"]
 
 
-def _key(result: dict[str, Any]) -> tuple[float, float, bool]:
+def combination(result: dict[str, Any]) -> tuple[float, float, bool]:
     """Return r0, v_max and whether the wrist turns, as coverage and repeatability name them."""
     return result["r0"], result["v_max"], result["with_psi"]
 
 
 def _candidate(result: dict[str, Any]) -> Candidate:
     repeated = result.get("repeatability") or {}
-    r0, v_max, with_psi = _key(result)
+    r0, v_max, with_psi = combination(result)
     return Candidate(
         r0=r0,
         v_max=v_max,

@@ -298,11 +298,7 @@ def _csv(index_name: str, times: Any, xy: Any) -> str:
 
 
 def _read_track(run: RunFolder, metrics: dict[str, Any]) -> EndpointTrack:
-    """Return the track of a run that is done.
-
-    Raises:
-        DamagedFileError: Its table is not what was written.
-    """
+    """Return the track of a run that is done."""
     file = run.path / TRACK_FILE
     if not file.is_file() or _digest(file) != metrics["track_sha256"]:
         raise DamagedFileError(

@@ -35,11 +35,7 @@ _RIG_NAMES = {"virtual": "virtual rig", "engine": "simulator itself"}
 
 
 def template_environment() -> "jinja2.Environment":
-    """Return the templates of this package; all text is escaped, and a missing name is an error.
-
-    Raises:
-        MissingExtraError: jinja2 is not installed.
-    """
+    """Return the templates of this package; all text is escaped, and a missing name is an error."""
     try:
         import jinja2
     except ImportError:

@@ -82,11 +82,7 @@ class Reproduction:
         return _read_json(self.folder / cable / stage / "config.json")
 
     def setup(self, cable: str) -> Setup:
-        """Return the set-up that a cable was cast with, as its stages recorded it.
-
-        Raises:
-            InputError: No stage has been run, or its settings hold no set-up.
-        """
+        """Return the set-up that a cable was cast with, as its stages recorded it."""
         for stage in _SETUP_STAGES:
             if (config := self.config(cable, stage)) is not None:
                 settings = config["settings"]

@@ -63,11 +63,7 @@ _RC = {
 
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
-    """Create axes and artists in the house style; a context, or a decorator of a function.
-
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-    """
+    """Create axes and artists in the house style; a context, or a decorator of a function."""
     try:
         import matplotlib as mpl
     except ImportError:

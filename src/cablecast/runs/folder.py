@@ -24,11 +24,7 @@ from cablecast.files import library_versions, processor_name, read_sealed, seal,
 
 
 def plain_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings as JSON stores them: tuples become lists.
-
-    Raises:
-        InputError: A value is not plain or not finite.
-    """
+    """Return settings as JSON stores them: tuples become lists."""
     try:
         return json.loads(json.dumps(dict(settings), allow_nan=False))
     except (TypeError, ValueError, RecursionError) as error:
@@ -305,11 +301,7 @@ class RunFolder:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "RunFolder | None":
-        """Return the run in a folder, finished or not; None where there is none.
-
-        Raises:
-            DamagedFileError: config.json is not what was written.
-        """
+        """Return the run in a folder, finished or not; None where there is none."""
         claim = _claim(path)
         config = claim.read()
         if config is None:
@@ -391,11 +383,7 @@ class RunFolder:
 
 
 def refuse_other_work(path: str | os.PathLike[str], command: str) -> None:
-    """Refuse a folder that holds anything else than a run of a verb, whatever its settings.
-
-    Raises:
-        InputError: It is a file, or holds other files or a run of another verb.
-    """
+    """Refuse a folder that holds anything else than a run of a verb, whatever its settings."""
     run = RunFolder.read(path)
     if run is None:
         _claim(path).refuse_foreign_files()

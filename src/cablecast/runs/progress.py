@@ -7,7 +7,6 @@ import math
 import pathlib
 import shutil
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 
@@ -168,15 +167,10 @@ class Stage:
 
 
 class StageLog:
-    """Time that each stage has taken so far over all runs, kept on the disk.
+    """Time that each stage has taken so far over all runs, kept on the disk when it ends."""
 
-    The time of a running stage is stored at an interval [s], which is what a kill can lose of it.
-    """
-
-    def __init__(self, folder: pathlib.Path, interval: float = 5.0):
-        self._interval = interval
+    def __init__(self, folder: pathlib.Path):
         self._file = folder / STAGES_FILE
-        self._lock = threading.Lock()
         self.seconds: dict[str, float] = {}
         with contextlib.suppress(FileNotFoundError):
             try:
@@ -188,27 +182,11 @@ class StageLog:
     def timed(self, name: str) -> Iterator[None]:
         """Add the time that a stage takes to the time that earlier runs spent on it."""
         before, start = self.seconds.get(name, 0.0), time.monotonic()
-        ended = threading.Event()
-
-        def store() -> None:
-            with self._lock:
-                self.seconds[name] = round(before + time.monotonic() - start, 1)
-                write_json(self._file, seal(self.seconds))
-
-        def store_often() -> None:
-            while not ended.wait(self._interval):
-                # The stage itself reports a full disk; it has more to lose.
-                with contextlib.suppress(OSError):
-                    store()
-
-        thread = threading.Thread(target=store_often, daemon=True)
-        thread.start()
         try:
             yield
         finally:
-            ended.set()
-            thread.join()
-            store()
+            self.seconds[name] = round(before + time.monotonic() - start, 1)
+            write_json(self._file, seal(self.seconds))
 
 
 def run_stages(

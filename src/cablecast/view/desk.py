@@ -144,11 +144,7 @@ class Desk:
         return self.session.casts_at(target_xy)
 
     def set_session(self, session: AimSession) -> None:
-        """Plan with a session from now on, and simulate with the cable of its model.
-
-        Raises:
-            InputError: It was made for another set-up, or a cast is under way.
-        """
+        """Plan with a session from now on, and simulate with the cable of its model."""
         if session.setup.to_settings() != self.setup.to_settings():
             raise InputError("the model was made for another set-up than the rig's")
         settings = session.model.policy.model.settings
@@ -236,11 +232,7 @@ class Desk:
                 self.stop = f"all {session.config.tries} tries at this target are used"
 
     def correct(self) -> Preview:
-        """Plan the next cast at the target of the last one.
-
-        Raises:
-            InputError: Nothing was cast, or a cast is under way.
-        """
+        """Plan the next cast at the target of the last one."""
         with self._lock:
             self._refuse_casting()
             last = self.last
@@ -277,11 +269,7 @@ class Desk:
                 self._casting = False
 
     def undo(self) -> Cast:
-        """Take the last try back: it is kept, and no plan uses it from now on.
-
-        Raises:
-            InputError: There is none, or a cast is under way.
-        """
+        """Take the last try back: it is kept, and no plan uses it from now on."""
         with self._lock:
             self._refuse_casting()
             last = self.last

@@ -209,11 +209,7 @@ class Collection:
         return ShownCast.of_cast(dataset_cast(self.dataset, index))
 
     def simulated(self, index: int, engine: Engine, dynamics: Dynamics | None = None) -> ShownCast:
-        """Return a cast as it is simulated, with the `believed` dynamics where None are given.
-
-        Raises:
-            InputError: There is no such cast, or no action describes its motion.
-        """
+        """Return a cast as it is simulated, with the `believed` dynamics where None are given."""
         check_count("cast", index, 0, len(self) - 1)
         action = self.dataset.actions[index]
         if not np.all(np.isfinite(action)):

@@ -220,11 +220,7 @@ class Page:
                 self.stage.play({"measured": ShownCast.of_cast(one)})
 
     def show_map(self, visible: bool) -> None:
-        """Show or hide how far casts are expected to miss.
-
-        Raises:
-            InputError: There is no model yet that could tell.
-        """
+        """Show or hide how far casts are expected to miss."""
         miss = None
         if visible:
             if self.desk.session is None:
@@ -556,11 +552,7 @@ def shrunk(picture: NDArray[np.uint8], width: int = _CAMERA_WIDTH) -> NDArray[np
 
 
 def slid_params(base: CableParams, exponents: dict[str, float]) -> CableParams:
-    """Return parameters multiplied by powers of ten from -1 to 1, within their bounds.
-
-    Raises:
-        InputError: A name or a power is out of bounds: nothing from a browser is trusted.
-    """
+    """Return parameters multiplied by powers of ten from -1 to 1, within their bounds."""
     changes = {}
     for name, exponent in exponents.items():
         if name not in PARAMS or not abs(exponent) <= np.log10(FACTOR_MAX) + 1e-9:

@@ -72,9 +72,6 @@ class Worker:
         Args:
             name: Name of the work as a person reads it, e.g. "casting".
             work: Function of a progress callback.
-
-        Raises:
-            InputError: Other work is under way, maybe from another tab.
         """
         with self._lock:
             if self.state.name:

@@ -139,11 +139,7 @@ class Calibration:
 
     @classmethod
     def load(cls, path: pathlib.Path) -> "Calibration":
-        """Read a calibration.
-
-        Raises:
-            InputError: There is no such file, or it is no calibration.
-        """
+        """Read a calibration."""
         try:
             values = read_json(path)
             view = values.pop("view")

@@ -96,9 +96,6 @@ def check_film_rate(times: Array, xy: Array, rate: float) -> None:
         times: Times of the frames [s], shape [frame].
         xy: Positions, NaN where not seen [m], shape [frame, 2].
         rate: Frames per second that these times stand for [1/s].
-
-    Raises:
-        InputError: No table is as slippery as this film would have it.
     """
     seen = np.isfinite(xy).all(axis=1)
     at, places = times[seen], xy[seen]

@@ -155,11 +155,7 @@ class LiveCamera:
             yield frame
 
     def read(self, timeout: float = _READ_TIMEOUT) -> Frame | None:
-        """Return the next frame, or wait for it [s]; None after the last of a film.
-
-        Raises:
-            CameraError: There was none in time, the camera stopped, or its times do not rise.
-        """
+        """Return the next frame, or wait for it [s]; None after the last of a film."""
         report = self._report(timeout)
         if report is None:
             return None
@@ -363,9 +359,6 @@ def open_capture(
     """Open a camera, ask it for its settings, and read them back.
 
     `capture` makes the capture; OpenCV's `VideoCapture` where None.
-
-    Raises:
-        CameraError: The source cannot be opened.
     """
     cv2 = load_cv2()
     make = cv2.VideoCapture if capture is None else capture

@@ -12,11 +12,7 @@ from cablecast.errors import MissingExtraError
 
 
 def load_cv2() -> Any:
-    """Return the cv2 module, which prints nothing about damaged videos.
-
-    Raises:
-        MissingExtraError: OpenCV is not installed.
-    """
+    """Return the cv2 module, which prints nothing about damaged videos."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "FATAL")
     try:

@@ -621,9 +621,6 @@ class EndpointTracker:
         Args:
             duration: Time of the last sample [s]; by default that of the last frame.
             start: Time at which the motion began, in the clock of the frames [s].
-
-        Raises:
-            InputError: There are no frames at or after the start of the motion.
         """
         times, xy = self.frames
         times = times - start

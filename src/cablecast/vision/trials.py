@@ -275,9 +275,6 @@ class CameraOfTrials:
 
         The arm is in the picture, and its way is known: so each cast compares the clocks. The
         second says what was corrected; it is empty where they agree.
-
-        Raises:
-            CameraError: They are off, and the cast does not tell by how much.
         """
         path = timing.joint_path
         if path is None:
@@ -513,11 +510,7 @@ class _Filming:
 
 
 def require_camera(setup: Setup) -> CameraSettings:
-    """Return the camera of a set-up.
-
-    Raises:
-        CameraError: It has none.
-    """
+    """Return the camera of a set-up."""
     if setup.camera is None:
         raise CameraError("the lab file has no section `camera`: name its source there")
     return setup.camera

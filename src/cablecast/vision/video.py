@@ -45,9 +45,6 @@ def read_video(path: pathlib.Path) -> tuple[VideoInfo, Iterator[tuple[float, Ima
     Returns:
         Its header, and its frames one after another: the time since the first frame [s], and the
         frame, BGR, shape [v, u, 3].
-
-    Raises:
-        InputError: There is no such file, it is no video, or it is damaged.
     """
     cv2 = load_cv2()
     if not path.is_file():
@@ -111,11 +108,7 @@ def capture_rate(path: pathlib.Path) -> float | None:
 
 
 def read_pictures(folder: pathlib.Path) -> list[Image]:
-    """Return the pictures in a folder, by the order of their names.
-
-    Raises:
-        InputError: There is no such folder, or no picture in it.
-    """
+    """Return the pictures in a folder, by the order of their names."""
     if not folder.is_dir():
         raise InputError(f"board folder {folder}: there is no such folder")
     cv2 = load_cv2()
@@ -212,11 +205,7 @@ class JpegMuxer:
         self._stream.pix_fmt, self._stream.time_base = "yuvj420p", _MICROSECOND
 
     def write(self, jpeg: bytes, time: float) -> None:
-        """Write a picture of a time, not negative [s].
-
-        Raises:
-            InputError: The time is negative, or not finite.
-        """
+        """Write a picture of a time, not negative [s]."""
         if not 0.0 <= time < 1e12:
             raise InputError(f"time of a picture = {time} s is outside [0, 1e12]")
         packet = self._packet(jpeg)

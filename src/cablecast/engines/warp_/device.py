@@ -37,11 +37,7 @@ def start_warp() -> None:
 
 
 def find_device(name: str):
-    """Return the Warp device of a name, such as "cpu" or "cuda".
-
-    Raises:
-        InputError: There is no such device.
-    """
+    """Return the Warp device of a name, such as "cpu" or "cuda"."""
     start_warp()
     known = ", ".join(str(device) for device in wp.get_devices())
     # Asking Warp for a CUDA device where there is none prints errors of the driver.

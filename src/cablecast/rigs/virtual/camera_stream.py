@@ -280,9 +280,6 @@ class CameraStream(contextlib.AbstractContextManager):
 
         Args:
             name: One of `FAULTS`; None to end all faults.
-
-        Raises:
-            UnknownNameError: There is no such fault.
         """
         if name is not None and name not in FAULTS:
             raise UnknownNameError(f"unknown fault {name!r} of a camera: {', '.join(FAULTS)}")

@@ -112,11 +112,7 @@ class CameraErrorModel:
 
     @classmethod
     def load(cls, path: pathlib.Path = MODEL_PATH) -> "CameraErrorModel":
-        """Read a model; by default the one that comes with cablecast.
-
-        Raises:
-            InputError: There is no such file, or it is no error model.
-        """
+        """Read a model; by default the one that comes with cablecast."""
         try:
             values: dict[str, Any] = read_json(path)
             values |= {name: tuple(values[name]) for name in ("camera", "seen_low", "seen_high")}

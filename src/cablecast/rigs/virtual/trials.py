@@ -119,11 +119,7 @@ class ResetLibrary:
 
     @classmethod
     def load(cls, path: pathlib.Path) -> "ResetLibrary":
-        """Return the library that `save` wrote.
-
-        Raises:
-            DatasetError: The file is missing, damaged, or of another kind.
-        """
+        """Return the library that `save` wrote."""
         import zipfile
         import zlib
 
