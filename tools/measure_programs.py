@@ -59,7 +59,7 @@ def main() -> None:
             curve = JointCurve.fit(path).slowed(slowness)
             check_path(curve, setup, kind)
             text = motion_program(f"cablecast_{kind}", curve, setup.robot, 1)
-            controller = Controller(setup, curve.q[0], is_e_series=dt == 0.002)
+            controller = Controller(setup, curve.q[0], "e-series" if dt == 0.002 else "cb3")
             q = followed(controller, text)[::slowness][: len(path.q)]
             off = float(np.abs(q - path.q[: len(q)]).max())
             stops = [event for event in controller.events if event["what"] == "protective stop"]

@@ -254,7 +254,7 @@ class UrLink:
         Raises:
             RigError: The dashboard does not answer in time.
         """
-        address = self.robot.address
+        address, is_new = self.robot.address, self._dashboard is None
         try:
             if self._dashboard is None:
                 self._dashboard = _reach(address, DASHBOARD_PORT, "dashboard")
@@ -265,6 +265,9 @@ class UrLink:
         except OSError as error:
             # An answer that comes too late belongs to no later question.
             self._hang_up()
+            if not (is_new or isinstance(error, TimeoutError)):
+                # It has hung up, perhaps long ago.
+                return self.ask(question)
             raise RigError(
                 f"the dashboard at {address} did not answer {question!r} within "
                 f"{_ANSWER_TIME_MAX:g} s ({error}): the controller is busy, or the network slow. "

@@ -6,7 +6,9 @@ import pytest
 
 from cablecast.rigs.ur.link import Phase
 from cablecast.rigs.ur.program import joint_move, motion_program
+from cablecast.rigs.ur.rig import REPORT_GAP_MAX
 from cablecast.rigs.ur.rtde import BEAT, PHASE
+from cablecast.rigs.ur.twin import laboratory as laboratory_module
 from cablecast.rigs.ur.twin.laboratory import (
     Fault,
     TwinConfig,
@@ -40,6 +42,35 @@ def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller
             assert controller.at_rest
     finally:
         laboratory.close()
+
+
+def test_a_twin_that_was_held_up_does_not_make_up_for_it_in_a_rush(
+    twin_setup, twin_address, monkeypatch
+):
+    laboratory = TwinLaboratory(
+        twin_setup, TwinConfig(address=twin_address(), has_cable=False, rate=3.0)
+    )
+    now, ticks = [0.0], []
+
+    def poll(timeout, *_):
+        now[0] += max(timeout, 0.0)
+
+    def tick():
+        # One tick takes as long as five minutes of the world.
+        now[0] += 300.0 * (len(ticks) == 10)
+        ticks.append(now[0])
+
+    monkeypatch.setattr(laboratory_module, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(laboratory.servers, "poll", poll)
+    monkeypatch.setattr(laboratory.servers, "of", lambda kind: [kind])
+    monkeypatch.setattr(laboratory, "tick", tick)
+    try:
+        laboratory.run(lambda: len(ticks) < 100)
+    finally:
+        laboratory.close()
+    # What comes at once is less of the controller's time than a cast may lack of its reports.
+    rush = ticks.count(ticks[10]) * laboratory.controller.dt
+    assert 0.0 < rush < REPORT_GAP_MAX
 
 
 def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_setup, twin_address):

@@ -44,8 +44,9 @@ RESET_GLANCE, RESET_GLANCE_PERIOD = 0.06, 0.5
 looks then, and drawing whole resets would take minutes."""
 
 _HISTORY_TIME = 120.0
-_LATE_TIME, _LOST_TIME, _SILENT_TIME, _RESTART_TIME = 1.0, 1.0, 5.0, 3.0
+_LATE_TIME, _LOST_TIME, _SILENT_TIME, _RESTART_TIME = 1.0, 1.0, 5.0, 1.0
 _SLOW_TIME = 3.0
+_HURRY_MAX = 0.02
 _CROOKED = np.radians(15.0)
 _PROGRAM_IDLE_TIME = 0.05
 _STICK_NODE_COUNT = 12
@@ -121,7 +122,7 @@ FAULTS: dict[str, str] = {
     "late_packets": "reports of the controller come 0.3 s late",
     "network_lost": "nothing passes between computer and controller for 5 s",
     "controller_dies": "controller without power",
-    "controller_restarts": "controller without power for 3 s, then up again",
+    "controller_restarts": "controller without power for 1 s, then up again",
     "local_control": "the pendant is switched to local control",
     "dashboard_slow": "each answer of the dashboard takes 3 s",
     "dashboard_off": "the dashboard's service is switched off",
@@ -226,8 +227,9 @@ class TwinLaboratory:
         """Run as long as it is wanted, which is asked every control cycle."""
         due = time.monotonic()
         while is_wanted():
-            # A twin that is late does not hurry: its clock just runs slower.
-            due = max(due + self.controller.dt / self._rate(), time.monotonic() - 0.1)
+            # A twin that is late does not hurry, or its clients miss reports: its clock just runs
+            # slower.
+            due = max(due + self.controller.dt / self._rate(), time.monotonic() - _HURRY_MAX)
             while True:
                 self.servers.poll(due - time.monotonic(), self._accepted, self._received)
                 if time.monotonic() >= due:
