@@ -81,14 +81,14 @@ class Outcome:
         message: Error, or what was done without one.
         rest_time: Time from the fault until the arm stood [s]; None where it need not stop.
         resumed: True where the same command then finished the rest.
-        aborted: Why casts were aborted, in order.
+        failures: Why attempts failed, in order.
         is_spoilt: True where this computer was too busy, or the fault did not come.
     """
 
     message: str
     rest_time: float | None
     resumed: bool
-    aborted: tuple[str, ...]
+    failures: tuple[str, ...]
     is_spoilt: bool
 
 
@@ -98,17 +98,28 @@ class RigQuick(RigUR):
     Args:
         setup: Lab file of a twin.
         camera: Camera over its table.
-        aborted: List that grows by why a cast was aborted.
+        failures: List that grows by why an attempt failed.
     """
 
-    def __init__(self, setup: Setup, camera: TrialCamera, aborted: list[str]):
+    def __init__(self, setup: Setup, camera: TrialCamera, failures: list[str]):
         super().__init__(setup, camera)
-        self._aborted = aborted
+        self._failures = failures
+
+    def reset(self) -> None:
+        try:
+            super().reset()
+        except CablecastError as error:
+            self._failures.append(str(error))
+            raise
 
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
-        track = super().execute(trajectory)
+        try:
+            track = super().execute(trajectory)
+        except CablecastError as error:
+            self._failures.append(str(error))
+            raise
         if track.status is TrialStatus.ABORTED:
-            self._aborted.append(track.note)
+            self._failures.append(track.note)
         return track
 
     def _reset_once(self) -> None:
@@ -175,7 +186,7 @@ def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcom
     """Let one fault come in a session, and say what came of it."""
     # What is wrong with camera or cable may be noticed only before the next cast.
     actions = ACTIONS[:1] if part_of(fault) == "robot" else ACTIONS
-    aborted: list[str] = []
+    failures: list[str] = []
     twin.admin.clear()
     session_start = twin.admin.state()["time"]
     with tempfile.TemporaryDirectory() as folder:
@@ -184,7 +195,7 @@ def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcom
         def collect() -> str:
             """Collect, and return the error; nothing where there was none."""
             try:
-                rig = RigQuick(setup, make_camera(setup, part_of(fault)), aborted)
+                rig = RigQuick(setup, make_camera(setup, part_of(fault)), failures)
                 with CheckedRig(rig, setup, time_limit=600.0) as rig:
                     collect_dataset(path, rig, setup, purpose="tune", actions=actions, attempts=2)
             except CablecastError as error:
@@ -205,14 +216,13 @@ def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcom
         message=error or ("aborted, and made again" if was_repeated else "no harm"),
         rest_time=rest,
         resumed=casts is not None and len(casts) == len(actions),
-        aborted=tuple(aborted),
-        is_spoilt=not faults
-        or _is_busy(error, again)
-        or (fault not in LOSING and _is_busy(*aborted)),
+        failures=tuple(failures),
+        # The last attempt comes when the network is there again.
+        is_spoilt=not faults or _is_busy(failures if fault not in LOSING else [error, again]),
     )
 
 
-def _is_busy(*messages: str) -> bool:
+def _is_busy(messages: list[str]) -> bool:
     return any(words in message for words in BUSY for message in messages)
 
 

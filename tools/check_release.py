@@ -64,7 +64,6 @@ env.reset(seed=0)
 assert env.step(env.action_space.sample())[2]
 """,
     "ray": "import ray",
-    "ur": "import rtde_control, rtde_receive",
     "view": "import cablecast.view, av, trimesh, viser",
 }
 

@@ -10,7 +10,6 @@ from cablecast.cli.main import main
 from cablecast.cli.options import with_instruments
 from cablecast.setup import Setup, load_setup, save_setup
 
-pytest.importorskip("rtde_receive")
 pytest.importorskip("mujoco")
 
 

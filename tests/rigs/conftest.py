@@ -90,7 +90,6 @@ def twin_address() -> Callable[[], str]:
 @pytest.fixture(scope="module")
 def make_twin(twin_address) -> Iterator[TwinMaker]:
     """Make twins that stop at the end of a file's tests; each comes with the set-up to reach it."""
-    pytest.importorskip("rtde_receive")
     pytest.importorskip("mujoco")
     twins = []
 

@@ -66,8 +66,7 @@ class RobotConfig:
         settle_time: Time from the end of a cast to the end of its trial [s].
         input_register: First of three integer registers of the controller that this computer
             writes, 0 to 45. Fieldbuses own those below 24.
-        output_register: First of three integer registers that our programs write: 12 to 17 or 36
-            to 41, as ur-rtde reads them.
+        output_register: First of three integer registers that our programs write, likewise.
     """
 
     address: str
@@ -113,12 +112,7 @@ class RobotConfig:
             "robot",
         )
         check_count("robot input_register", self.input_register, 0, 45)
-        check_count("robot output_register", self.output_register, 12, 41)
-        if 17 < self.output_register < 36:
-            raise InputError(
-                f"robot output_register = {self.output_register} must be 12 to 17 or 36 to 41: "
-                "ur-rtde reads no others"
-            )
+        check_count("robot output_register", self.output_register, 0, 45)
         if np.any(np.asarray(self.box_low) >= np.asarray(self.box_high)):
             raise InputError(
                 f"robot box_low = {list(self.box_low)} must be below box_high = "

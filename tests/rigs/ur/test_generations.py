@@ -1,19 +1,24 @@
 """The three generations of controllers, each with what only it can do or fail to do."""
 
 import dataclasses
+import itertools
 import socket
 import struct
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from cablecast.errors import InputError, RigError
-from cablecast.rigs.ur.agent import receive
+from cablecast.rigs.ur.agent import reported
 from cablecast.rigs.ur.link import UrLink, check_ready
+from cablecast.rigs.ur.rtde import RtdeClient
 from cablecast.rigs.ur.twin.controller import GENERATIONS
 from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, faults_of
 
+# Noise of an encoder is 0.05 mrad.
+ENCODER_ERROR = 5e-4
 ARMS = {"cb3": "ur5", "e-series": "ur5e", "polyscope-x": "ur5e"}
 
 
@@ -151,19 +156,45 @@ def _robot():
     )
 
 
-def test_a_controller_too_old_to_report_the_payload_is_read_without_it(monkeypatch):
-    asked = []
+def test_only_a_controller_that_is_too_old_is_not_asked_for_its_payload():
+    for version in [(3, 10, 9), (5, 4, 3)]:
+        assert "payload" not in reported(version)
+    for version in [(3, 11, 0), (5, 5, 1), *(g.version[:3] for g in GENERATIONS.values())]:
+        assert reported(version)[-2:] == ["payload", "payload_cog"]
 
-    def interface(address, variables, use_upper_range_registers):
-        assert use_upper_range_registers
-        asked.append(variables)
-        if "payload" in variables:
-            raise RuntimeError("The following variables was not found by the controller: [payload]")
-        return "connection"
 
-    monkeypatch.setattr("rtde_receive.RTDEReceiveInterface", interface)
-    assert receive("127.0.0.1", [24]) == ("connection", False)
-    assert set(asked[0]) - set(asked[1]) == {"payload", "payload_cog"}
+def test_a_report_that_the_controller_does_not_know_is_named(twin):
+    address = twin[2].robot.address
+    with pytest.raises(RigError, match="does not report mood, weather"):
+        RtdeClient(address, 40, lambda version: ["timestamp", "mood", "weather"])
+
+
+def test_no_report_is_lost_while_its_reader_is_busy(twin):
+    name, process, setup = twin
+    client = RtdeClient(setup.robot.address, 40, lambda version: ["timestamp", "actual_q"])
+    begin = process.admin.state()["time"]
+    while process.admin.state()["time"] < begin + 1.0:
+        time.sleep(0.01)
+    reports = list(itertools.islice(client.reports(), 100))
+    steps = np.diff([report["timestamp"] for report in reports])
+    np.testing.assert_allclose(steps, GENERATIONS[name].dt, atol=1e-9)
+
+
+def test_a_client_of_other_people_reads_the_same_of_the_twin(twin):
+    rtde_receive = pytest.importorskip("rtde_receive")
+    name, process, setup = twin
+    names = [*reported(GENERATIONS[name].version[:3]), "output_int_register_36"]
+    interface = rtde_receive.RTDEReceiveInterface(
+        setup.robot.address, variables=names, use_upper_range_registers=True
+    )
+    try:
+        np.testing.assert_allclose(
+            interface.getActualQ(), process.admin.state()["q"], atol=ENCODER_ERROR
+        )
+        assert interface.getPayload() == setup.robot.payload_mass
+        assert interface.getRobotMode() == 7
+    finally:
+        interface.disconnect()
 
 
 def test_an_arm_gets_no_controller_of_another_series():

@@ -1,4 +1,4 @@
-"""Motions on a twin through ur-rtde as it is: carried out, watched, and always stopped."""
+"""Motions on a twin through its sockets: carried out, watched, and always stopped."""
 
 import dataclasses
 import subprocess

@@ -1,8 +1,7 @@
-"""Process of its own that talks to the controller through ur-rtde; `UrLink` starts and commands it.
+"""Process of its own that talks to the controller by RTDE; `UrLink` starts and commands it.
 
-ur-rtde ends its whole process when a connection breaks at the wrong moment, keeps Python's lock
-while it connects, and prints to standard output. Here none of that reaches the process that drives
-the arm. The heartbeat comes from here, too: it stops as soon as the owner is gone, or silent.
+It reads every report in time, however long the process that drives the arm thinks. The heartbeat
+comes from here, too: it stops as soon as the owner is gone, or silent.
 
 Commands come in and answers go out as JSON, one a line.
 """
@@ -13,22 +12,22 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Sequence
 from typing import Any, TextIO
 
 from cablecast.errors import RigError
-from cablecast.rigs.ur.rtde import BEAT, NUMBER, STATE, TICK, RegisterWriter
+from cablecast.rigs.ur.rtde import BEAT, CB3, NUMBER, STATE, TICK, RtdeClient, Version
 
 DASHBOARD_PORT, PROGRAM_PORT = 29999, 30002
 """Ports of every UR controller; programs go to the secondary client interface."""
 
 OWNER_TIME_MAX = 0.5
 """Longest time for which the heart beats without a word from the owner [s]."""
-_POLL = 0.0005
+_PLAYING = 2
+"""State of RTDE's runtime while a program runs."""
 
 
 class Agent:
-    """Connections of ur-rtde to one controller.
+    """Connection to one controller.
 
     Args:
         out: Stream of answers.
@@ -53,9 +52,11 @@ class Agent:
         self._alive_until = 0.0
         self._beat = 0
         self._beat_at = 0.0
-        self._output_registers = [output_register + index for index in (STATE, TICK, NUMBER)]
-        self._receive, self._has_payload = receive(address, self._output_registers)
-        self._inputs = RegisterWriter(address, input_register)
+        registers = [output_register + index for index in (STATE, TICK, NUMBER)]
+        self._registers = [f"output_int_register_{index}" for index in registers]
+        self._client = RtdeClient(
+            address, input_register, lambda version: [*reported(version), *self._registers]
+        )
         for target in (self._record, self._pulse):
             threading.Thread(target=target, daemon=True).start()
 
@@ -75,7 +76,7 @@ class Agent:
         elif do == "write":
             # One that is not written is a connection that broke: the owner notices the silence.
             with contextlib.suppress(OSError), self._write_lock:
-                self._inputs.write(command["register"], command["value"])
+                self._client.write(command["register"], command["value"])
 
     def _pulse(self) -> None:
         """Change the beat's register as long as the owner wants."""
@@ -91,106 +92,57 @@ class Agent:
         self._beat_at = now
         self._beat = (self._beat + 1) % 1_000_000
         with contextlib.suppress(OSError), self._write_lock:
-            self._inputs.write(BEAT, self._beat)
+            self._client.write(BEAT, self._beat)
 
     def _record(self) -> None:
-        """Send every report that is read whole, in the order of the attributes of `Report`."""
-        r = self._receive
-        before = -1.0
-        while True:
+        """Send every report, in the order of the attributes of `Report`."""
+        for r in self._client.reports():
+            report = [
+                r["timestamp"],
+                time.monotonic(),
+                r["actual_q"],
+                r["actual_qd"],
+                r["target_q"],
+                r["speed_scaling"] * r["target_speed_fraction"],
+                r["safety_status_bits"],
+                r["robot_mode"],
+                r["runtime_state"] == _PLAYING,
+                r.get("payload"),
+                r.get("payload_cog"),
+                *(r[name] for name in self._registers),
+            ]
             try:
-                now = r.getTimestamp()
-                if now == before:
-                    time.sleep(_POLL)
-                    continue
-                report = [
-                    now,
-                    time.monotonic(),
-                    r.getActualQ(),
-                    r.getActualQd(),
-                    r.getTargetQ(),
-                    r.getSpeedScaling() * r.getTargetSpeedFraction(),
-                    r.getSafetyStatusBits(),
-                    r.getRobotMode(),
-                    r.getRuntimeState() == 2,
-                    r.getPayload() if self._has_payload else None,
-                    r.getPayloadCog() if self._has_payload else None,
-                    *(r.getOutputIntRegister(index) for index in self._output_registers),
-                ]
-                # A report that changed while it was read is read again.
-                if r.getTimestamp() == now:
-                    before = now
-                    self.say(report=report)
-                    # On a busy computer this thread may be the only one that runs in time.
-                    self._pulse_once()
+                self.say(report=report)
             except (BrokenPipeError, ValueError):
                 os._exit(0)
-            except Exception:
-                # A connection that breaks: the owner notices the silence.
-                time.sleep(0.01)
+            # On a busy computer this thread may be the only one that runs in time.
+            self._pulse_once()
 
 
-def receive(address: str, registers: Sequence[int]) -> tuple[Any, bool]:
-    """Return a connection that reports what `Report` needs, and whether it reports the payload.
+def reported(version: Version) -> list[str]:
+    """Return the names of what a controller is asked to report, but for registers.
 
-    By itself ur-rtde asks for ten times as much, and of PolyScope X it does not ask the payload.
-    CB3 reports it since 3.11, an e-Series since 5.5.
+    CB3 reports the payload since 3.11, an e-Series since 5.5.1 (RTDE Guide).
     """
-    import rtde_receive
-
-    names = [
-        "timestamp",
-        "actual_q",
-        "actual_qd",
-        "target_q",
-        "speed_scaling",
-        "target_speed_fraction",
-        "safety_status_bits",
-        "robot_mode",
-        "runtime_state",
-        *(f"output_int_register_{index}" for index in registers),
-    ]
-    upper = min(registers) >= 24
-    try:
-        more = [*names, "payload", "payload_cog"]
-        connection = rtde_receive.RTDEReceiveInterface(
-            address, variables=more, use_upper_range_registers=upper
-        )
-        return connection, True
-    except RuntimeError as error:
-        if "payload" not in str(error):
-            raise
-    connection = rtde_receive.RTDEReceiveInterface(
-        address, variables=names, use_upper_range_registers=upper
-    )
-    return connection, False
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:300]
+    names = ["timestamp", "actual_q", "actual_qd", "target_q", "speed_scaling"]
+    names += ["target_speed_fraction", "safety_status_bits", "robot_mode", "runtime_state"]
+    payload_since = (3, 11, 0) if version[0] == CB3 else (5, 5, 1)
+    return names + ["payload", "payload_cog"] * (version >= payload_since)
 
 
 def main() -> None:
     """Connect, say so, and obey until the owner is gone."""
-    # What libraries print must not get between the answers.
-    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
     try:
-        agent = Agent(out, **json.loads(sys.stdin.readline()))
-    except ModuleNotFoundError as error:
-        out.write(json.dumps({"missing": str(error.name)}) + "\n")
-        out.flush()
-        return
+        agent = Agent(sys.stdout, **json.loads(sys.stdin.readline()))
     except Exception as error:
         kind = "refused" if isinstance(error, RigError) else "failed"
-        out.write(json.dumps({kind: _one_line(error)}) + "\n")
-        out.flush()
-        os._exit(1)
+        print(json.dumps({kind: " ".join(str(error).split())[:300]}), flush=True)
+        return
     agent.say(connected=True)
     with contextlib.suppress(KeyboardInterrupt, BrokenPipeError):
         for line in sys.stdin:
             agent.obey(json.loads(line))
-    # ur-rtde's own end may hang or abort, and nothing is left to do.
+    # Nothing is left to do, and threads still write.
     os._exit(0)
 
 

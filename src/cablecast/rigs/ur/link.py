@@ -18,9 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.robot import RobotConfig
-from cablecast.errors import MissingExtraError, RigError
+from cablecast.errors import RigError
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
-from cablecast.rigs.ur.rtde import GET_VERSION, PHASE, RTDE_PORT, STOP, FrameReader, ask
+from cablecast.rigs.ur.rtde import (
+    CB3,
+    E_SERIES,
+    PHASE,
+    POLYSCOPE_X,
+    RTDE_PORT,
+    STOP,
+    FrameReader,
+    Version,
+    read_version,
+)
 
 _CONNECT_TIME_MAX = 3.0
 _AGENT_TIME_MAX = 20.0
@@ -74,9 +84,6 @@ class Report:
             object.__setattr__(self, "payload_cog", np.array(self.payload_cog, dtype=float))
 
 
-Version = tuple[int, int, int]
-CB3, E_SERIES, POLYSCOPE_X = 3, 5, 10
-"""Generations of controllers, by the major version of their software."""
 _REMOTE_CONTROL_SINCE = (5, 6, 0)
 BY_HAND = (
     "PolyScope X has no dashboard: see to it on the pendant that remote control is on and no other "
@@ -104,7 +111,6 @@ class UrLink:
         version: Version of the controller's software.
 
     Raises:
-        MissingExtraError: ur-rtde is not installed.
         RigError: The controller does not answer, or its generation is unknown.
     """
 
@@ -116,7 +122,6 @@ class UrLink:
         self._dashboard: socket.socket | None = None
         with _reach(robot.address, RTDE_PORT, "RTDE") as connection:
             self.version = _read_version(connection, robot.address)
-        # ur-rtde would print, and hang.
         _reach(robot.address, PROGRAM_PORT, "program").close()
         if self.has_dashboard:
             _reach(robot.address, DASHBOARD_PORT, "dashboard").close()
@@ -124,7 +129,6 @@ class UrLink:
             [sys.executable, "-m", "cablecast.rigs.ur.agent"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            # What ur-rtde prints is no message of ours.
             stderr=subprocess.DEVNULL,
             text=True,
             # Ctrl-C is for the one who drives the arm, who still needs the connection to stop it.
@@ -152,8 +156,6 @@ class UrLink:
             raise RigError(
                 f"the controller at {robot.address} did not answer within {_AGENT_TIME_MAX:g} s"
             ) from None
-        if "missing" in answer:
-            raise MissingExtraError("ur-rtde", "ur", "--rig ur")
         if "refused" in answer:
             raise RigError(answer["refused"])
         if "connected" not in answer:
@@ -362,8 +364,7 @@ def _read_version(connection: socket.socket, address: str) -> Version:
     """
     connection.settimeout(_ANSWER_TIME_MAX)
     try:
-        answer = ask(connection, FrameReader(), GET_VERSION)
-        major, minor, bugfix, _ = struct.unpack(">4I", answer)
+        major, minor, bugfix = read_version(connection, FrameReader())
     except (OSError, ValueError, struct.error) as error:
         raise RigError(f"the controller at {address} does not say its version: {error}") from None
     if major not in (CB3, E_SERIES, POLYSCOPE_X):

@@ -387,7 +387,7 @@ def make_ur_rig(setup: Setup) -> RigUR:
     Raises:
         InputError: A section is missing, or the arm was not measured.
         CameraError: The camera cannot be opened.
-        MissingExtraError: OpenCV or ur-rtde is not installed.
+        MissingExtraError: OpenCV is not installed.
     """
     from cablecast.vision.trials import CameraOfTrials
 

@@ -8,13 +8,16 @@ general purpose registers, 0 to 23 belong to fieldbuses, 24 to 47 to clients of 
 import dataclasses
 import socket
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from cablecast.errors import RigError
 
 RTDE_PORT = 30004
 REGISTER_COUNT = 48
+Version = tuple[int, int, int]
+CB3, E_SERIES, POLYSCOPE_X = 3, 5, 10
+"""Generations of controllers, by the major version of their software."""
 BEAT, STOP, PHASE = 0, 1, 2
 """Input registers, counted from the robot's `input_register`: a number that this computer changes
 as long as all is well; number of the program that shall stop; a `Phase`, what the rig is doing."""
@@ -71,6 +74,11 @@ class FrameReader:
             yield kind, payload
 
 
+def read_version(connection: socket.socket, reader: FrameReader) -> Version:
+    """Return the version of the controller's software: major, minor, bugfix."""
+    return struct.unpack(">3I", ask(connection, reader, GET_VERSION)[:12])
+
+
 def ask(connection: socket.socket, reader: FrameReader, kind: int, payload: bytes = b"") -> bytes:
     """Return the answer to a frame; the controller may send text messages before it.
 
@@ -99,6 +107,11 @@ class Recipe:
     number: int
     names: tuple[str, ...]
     types: tuple[str, ...]
+
+    @classmethod
+    def of_answer(cls, names: tuple[str, ...], answer: bytes) -> "Recipe":
+        """Return the recipe of some names, by the controller's answer to them."""
+        return cls(answer[0], names, tuple(answer[1:].decode().split(",")))
 
     @property
     def is_valid(self) -> bool:
@@ -129,37 +142,62 @@ class Recipe:
         return values
 
 
-class RegisterWriter:
-    """Client that writes three integer registers, which nobody else may write meanwhile.
+class RtdeClient:
+    """Client that writes three integer registers, and reads every report.
 
     Args:
         address: Name or address of the controller.
-        first: First of the registers.
+        first: First of the registers, which nobody else may write meanwhile.
+        outputs: Function that returns the names of what is reported, by the controller's version.
 
     Raises:
-        RigError: Somebody else writes one of them.
+        RigError: Somebody else writes one of the registers, or something cannot be reported.
         OSError: The controller does not answer.
     """
 
-    def __init__(self, address: str, first: int):
-        self._names = tuple(f"input_int_register_{first + index}" for index in range(3))
-        self._values = dict.fromkeys(self._names, 0)
+    def __init__(self, address: str, first: int, outputs: Callable[[Version], Sequence[str]]):
+        names = tuple(f"input_int_register_{first + index}" for index in range(3))
+        self._values = dict.fromkeys(names, 0)
         self._connection = socket.create_connection((address, RTDE_PORT), _ANSWER_TIME_MAX)
         self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection, reader = self._connection, FrameReader()
-        ask(connection, reader, REQUEST_PROTOCOL_VERSION, struct.pack(">H", 2))
-        answer = ask(connection, reader, SETUP_INPUTS, ",".join(self._names).encode())
-        self._recipe = Recipe(answer[0], self._names, tuple(answer[1:].decode().split(",")))
-        if not self._recipe.is_valid:
-            self._connection.close()
+        self._reader = FrameReader()
+        self._ask(REQUEST_PROTOCOL_VERSION, struct.pack(">H", 2))
+        self._inputs = Recipe.of_answer(names, self._ask(SETUP_INPUTS, ",".join(names).encode()))
+        if not self._inputs.is_valid:
             raise RigError(
                 f"input registers {first} to {first + 2} of the controller are written by a "
                 "fieldbus or another program: end it, or set robot input_register in the lab file "
                 "to the first of three that are free, from 24 to 45"
             )
-        ask(connection, reader, START)
+        version = read_version(self._connection, self._reader)
+        names = tuple(outputs(version))
+        rate = struct.pack(">d", 125.0 if version[0] == CB3 else 500.0)
+        answer = self._ask(SETUP_OUTPUTS, rate + ",".join(names).encode())
+        self._outputs = Recipe.of_answer(names, answer)
+        if not self._outputs.is_valid:
+            unknown = [n for n, t in zip(names, self._outputs.types, strict=True) if t not in TYPES]
+            raise RigError(f"the controller does not report {', '.join(unknown)}")
+        self._ask(START)
+        self._connection.settimeout(None)
+
+    def _ask(self, kind: int, payload: bytes = b"") -> bytes:
+        return ask(self._connection, self._reader, kind, payload)
 
     def write(self, index: int, value: int) -> None:
         """Write one register, counted from the first."""
-        self._values[self._names[index]] = value
-        self._connection.sendall(self._recipe.pack(self._values))
+        self._values[self._inputs.names[index]] = value
+        self._connection.sendall(self._inputs.pack(self._values))
+
+    def reports(self) -> Iterator[dict[str, Any]]:
+        """Yield every report until the connection breaks; they wait for a reader who is late."""
+        data = b""
+        while True:
+            for kind, payload in self._reader.feed(data):
+                if kind == DATA_PACKAGE:
+                    yield self._outputs.unpack(payload[1:])
+            try:
+                data = self._connection.recv(1 << 16)
+            except OSError:
+                data = b""
+            if not data:
+                return

@@ -61,8 +61,8 @@ class TwinConfig:
     """Settings of a twin.
 
     Attributes:
-        address: Loopback address. ur-rtde has fixed ports, so that two twins at a time need two
-            addresses: on Linux, 127.0.0.1 to 127.255.255.254 are all of this computer.
+        address: Loopback address. Ports are fixed, so that two twins at a time need two addresses:
+            on Linux, 127.0.0.1 to 127.255.255.254 are all of this computer.
         camera_port: Port of the camera's stream, on 127.0.0.1; 0 for any free one.
         rate: Largest speed of the twin's clock [-]: 1 for that of the world, more for tests. It
             runs slower where the simulation cannot keep up, and no faster than the world where no

@@ -1,7 +1,6 @@
 """A twin in a process of its own, and the client that tests and people command it with.
 
-ur-rtde keeps Python's lock while it connects, so a controller in the same process would never
-answer it.
+Its clock must not stand still while a rig in the same process thinks.
 """
 
 import atexit
