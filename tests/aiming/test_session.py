@@ -1,13 +1,16 @@
 """Aiming: the first cast by the simulator, every further one by what the casts before it showed."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 from formula_rig import SETUP, FormulaRig, make_policy
 
 import cablecast as cc
+from cablecast.aiming.propose import SAME_ACTION
 from cablecast.camera.settings import CameraSettings, CameraSight
+from cablecast.conventions import xy_to_polar
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.motion.feasibility import check_actions
 from cablecast.report.words import change_text, reason_text
@@ -312,6 +315,33 @@ def test_casts_end_where_the_next_one_is_nearly_certain_to_miss(policy):
         result = cc.aim(session, rig, edge)
     assert 2 <= len(result.casts[0]) < 6
     assert "would hit it with a chance of" in result.stops[0]
+
+
+def test_no_cast_is_made_twice_at_a_target(policy):
+    # Beyond what the arm can do, the best cast would be an earlier one again.
+    beyond = policy.predicted_xy[np.argmax(policy.predicted_xy[:, 1])] + [0.0, 0.019]
+    with rig_of(policy, bias=0.0, scatter=0.001) as rig:
+        casts = cc.aim(session_of(policy), rig, beyond).casts[0]
+    assert len(casts) == 6
+    for one, other in itertools.combinations([cast.action for cast in casts], 2):
+        assert np.any(np.abs(one - other) > SAME_ACTION)
+
+
+def test_a_second_cast_that_comes_no_nearer_is_not_made(policy):
+    target = np.array([0.3, 1.1])
+    with rig_of(policy, bias=0.3) as rig:
+        session = session_of(policy, within_pct=1.0, anyway=False)
+        missed = session.cast(rig, session.propose(target)).final_xy - target
+    second = dataclasses.replace(session.propose(target), covariance=1e-6 * np.eye(2))
+    nearer, farther = (
+        dataclasses.replace(second, expected_xy=target + share * missed) for share in (0.9, 1.1)
+    )
+    assert max(nearer.hit_chance, farther.hit_chance) < 0.05
+    assert session.stop_reason(nearer) == ""
+    r, theta = xy_to_polar(target + missed)
+    place = f"cast is r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg"
+    assert f"the nearest landing of a {place}" in session.stop_reason(farther)
+    assert session_of(policy).stop_reason(farther) == ""
 
 
 def test_the_chance_to_hit_is_the_share_of_the_stated_law(policy):

@@ -49,6 +49,9 @@ CAMERA_HEIGHT = 2.2
 MARKER_RADIUS = 0.015
 """Distance from the arm's outline at which a marker of usual size is half hidden [m]."""
 
+SAME_ACTION = np.array([np.radians(0.1), np.radians(0.1), 1e-3, np.radians(0.1)])
+"""Two actions nearer to each other than this make the same cast [rad, rad, m, rad]."""
+
 # Points that stand for a round normal distribution: shares of equal probability, each at the
 # distance from the middle that halves it.
 _RINGS, _SPOKES = 4, 8
@@ -64,7 +67,7 @@ def propose(
     law: RegionLaw | None = None,
     sight: CameraSight | None = None,
 ) -> Proposal:
-    """Propose the cast with the least expected loss at a target.
+    """Propose the cast with the least expected loss at a target, never one made there before.
 
     Args:
         predictor: Beliefs, conditioned on the casts so far.
@@ -118,7 +121,8 @@ def _risks(
 ) -> tuple[_Array, _Array]:
     """Return the expected loss of candidates, and their chance of no landing, [action].
 
-    The loss of one that the arm cannot follow, or that leaves the table, is infinite.
+    The loss of one that the arm cannot follow, that leaves the table, or that was made at this
+    target before, is infinite.
     """
     setup, side = predictor.beliefs.policy.setup, candidates.side
     places, landing_xy, variance = predictor.expected(candidates)
@@ -135,6 +139,9 @@ def _risks(
     margin = predictor.beliefs.model.predict_margin(candidates.actions)
     # An action of an earlier cast may be beyond the arm's limits.
     feasible = check_actions(candidates.actions, setup).mask
+    made = [cast.action for cast in predictor.casts if cast.is_at(target)]
+    step = np.abs(motions[:, None] - np.reshape(made, (-1, 4))) / SAME_ACTION
+    feasible &= np.all(np.max(step, axis=2) > 1.0, axis=1)
     risk[~((margin >= _table_margin(predictor)) & feasible)] = np.inf
     return risk, failure
 

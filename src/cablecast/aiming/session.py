@@ -275,23 +275,27 @@ class AimSession:
         """Return why a proposed cast is not worth making, in words; empty where it is.
 
         It is not where it is nearly certain to miss: at the first try outside the simulated
-        coverage, and from the third on everywhere. `AimConfig.anyway` makes it all the same.
+        coverage, at the second where it is expected no nearer than an earlier one landed, and from
+        the third on everywhere. `AimConfig.anyway` makes it all the same.
         """
-        outside = proposal.try_number == 1 and not proposal.inside_coverage
-        if self.config.anyway or not (outside or proposal.try_number >= _STOP_TRY):
+        number, target = proposal.try_number, proposal.target_xy
+
+        def miss(xy: NDArray[np.float64]) -> float:
+            return float(np.linalg.norm(xy - target))
+
+        landed = [cast.final_xy for _, cast in self._counted() if cast.landed and number > 1]
+        near = min(landed or [self.model.policy.nearest_landing(target)], key=miss)
+        stops = number >= _STOP_TRY or (
+            miss(proposal.expected_xy) >= miss(near) if landed else not proposal.inside_coverage
+        )
+        if self.config.anyway or not stops or proposal.hit_chance >= HIT_CHANCE_MIN:
             return ""
-        if proposal.hit_chance >= HIT_CHANCE_MIN:
-            return ""
-        reason = proposal.reason
-        near = self.model.policy.nearest_landing(proposal.target_xy)
-        miss = np.linalg.norm(near - proposal.target_xy)
-        if miss > proposal.within_pct / 100 * self.setup.cable.length:
-            r, theta = xy_to_polar(near)
-            reason += (
-                f"; the nearest landing of a simulated cast is r = {r:.2f} m, theta = "
-                f"{np.degrees(theta):.1f} deg, {100 * miss:.0f} cm beside it"
-            )
-        return reason
+        r, theta = xy_to_polar(near)
+        return (
+            f"{proposal.reason}; the nearest landing of a {'' if landed else 'simulated '}cast is "
+            f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * miss(near):.0f} cm beside"
+            " it"
+        )
 
     def propose(
         self,
