@@ -20,6 +20,7 @@ from cablecast.errors import InputError, check_number
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, Trajectory, plan_trajectory
 from cablecast.setup import Setup
+from cablecast.workspace import Workspace
 
 
 class TrialStatus(enum.Enum):
@@ -223,6 +224,8 @@ def ring_points(
     return ring.reshape(-1, 2)
 
 
+_STEPS_UNSEEN = 20  # Samples after the last seen one within which the free end leaves the table.
+
 HIT_CHANCE_MIN = 0.05
 """Chance to hit below which a cast is hardly worth making [-]."""
 
@@ -375,6 +378,18 @@ class Cast:
         """Whether the cast has a landing."""
         return bool(np.all(np.isfinite(self.final_xy)))
 
+    def end_xy(self, workspace: Workspace) -> NDArray[np.float64]:
+        """Return the landing, or where the free end left the table [m], shape [2]; NaN for neither.
+
+        It is taken to have gone on from where it was seen last as it moved there.
+        """
+        seen = self.track.endpoint_xy[np.all(np.isfinite(self.track.endpoint_xy), axis=1)]
+        if self.status is not TrialStatus.OFF_TABLE or len(seen) < 2:
+            return self.final_xy
+        way = seen[-1] + np.arange(_STEPS_UNSEEN)[:, None] * (seen[-1] - seen[-2])
+        off = ~workspace.on_table(way)
+        return way[np.argmax(off)] if off.any() else self.final_xy
+
     @property
     def target_xy(self) -> NDArray[np.float64]:
         """Target [m], shape [2]; NaN for a cast that was not aimed."""
@@ -416,9 +431,10 @@ class Cast:
     def square(self) -> float:
         """Return d' C^-1 d, with d the offset from the expected landing and C its covariance [-].
 
-        NaN for a cast without a landing or without an expectation.
+        A cast that left the table is taken to have landed there; NaN for any other without a
+        landing, and without an expectation.
         """
-        if self.proposal is None or not self.landed:
+        if self.proposal is None:
             return math.nan
-        offset = self.final_xy - self.expected_xy
+        offset = self.end_xy(self.proposal.setup.workspace) - self.expected_xy
         return float(offset @ np.linalg.solve(self.proposal.covariance, offset))

@@ -344,6 +344,26 @@ def test_a_second_cast_that_comes_no_nearer_is_not_made(policy):
     assert session_of(policy).stop_reason(farther) == ""
 
 
+def test_a_cast_that_left_the_table_says_where_such_casts_go(policy):
+    target, edge = np.array([0.9, 1.0]), SETUP.workspace.half_width
+    session = session_of(policy, within_pct=1.0)
+    proposal = session.propose(target)
+    # Seen last 25 cm before the edge, where it goes on by 10 cm from sample to sample.
+    way = np.array([[0.0, 1.2], [edge - 0.35, 1.1], [edge - 0.25, 1.1], [np.nan, np.nan]])
+    track = cc.EndpointTrack(
+        times=np.arange(4) / 10, endpoint_xy=way, status=cc.TrialStatus.OFF_TABLE
+    )
+    before = session.predictor.predict(proposal.action.to_array())[0][0]
+    cast = session.observe(proposal, track)
+    np.testing.assert_allclose(cast.end_xy(SETUP.workspace), [edge + 0.05, 1.1])
+    assert not cast.landed
+    assert cast.square > 10.0
+    moved = session.predictor.predict(proposal.action.to_array())[0][0] - before
+    share = moved @ (cast.end_xy(SETUP.workspace) - before)
+    assert share > 0.7 * np.sum((cast.end_xy(SETUP.workspace) - before) ** 2)
+    assert session.propose(target).law.scale > proposal.law.scale
+
+
 def test_the_chance_to_hit_is_the_share_of_the_stated_law(policy):
     proposal = dataclasses.replace(session_of(policy, within_pct=3.0).propose((0.3, 1.1)))
     rng = np.random.default_rng(0)

@@ -250,6 +250,7 @@ class LandingPredictor:
         casts: Casts that it is conditioned on.
         fitted: Whether the simulator was fitted to each: it then lands nearer to its prediction
             than others will, and says less.
+        compared: Whether the end of each was compared with the simulated landing.
     """
 
     beliefs: Beliefs
@@ -257,6 +258,7 @@ class LandingPredictor:
     experience: Experience
     casts: tuple[Cast, ...] = ()
     fitted: tuple[bool, ...] = ()
+    compared: tuple[bool, ...] = ()
 
     @classmethod
     def of(cls, beliefs: Beliefs) -> "LandingPredictor":
@@ -275,6 +277,8 @@ class LandingPredictor:
     ) -> "LandingPredictor":
         """Return the predictor after more casts, in the order in which they were made.
 
+        A cast that left the table is taken to have landed there, unless the simulators expect that.
+
         Args:
             casts: Casts with or without a landing. A motion without an action is left out.
             fitted: Whether the simulator was fitted to each; to none where None.
@@ -290,14 +294,17 @@ class LandingPredictor:
         actions = np.array([casts[row].action for row in rows])
         candidates = self.evaluate(*mirror_to_right(actions))
         places, simulated_xy = self._located(candidates)
+        table = self.beliefs.policy.setup.workspace
+        ends = mirror_xy(np.array([casts[row].end_xy(table) for row in rows]), candidates.side)
+        there = np.array([casts[row].landed for row in rows]) | (candidates.leaving < 0.5)
+        compared = there & np.isfinite(ends).all(axis=1)
+        residuals = (ends - simulated_xy) / self.beliefs.length
         for place, (row, is_fitted) in enumerate(zip(rows, known, strict=True)):
-            cast = casts[row]
-            landing = mirror_xy(cast.final_xy, candidates.side[place])
             experience = experience.with_cast(
                 places[[place]],
-                (landing - simulated_xy[place]) / self.beliefs.length if cast.landed else None,
+                residuals[place] if compared[place] else None,
                 fitted=is_fitted,
-                aimed=cast.proposal is not None,
+                aimed=casts[row].proposal is not None,
                 age=None if ages is None else ages[row],
             )
         if fit_scales:
@@ -307,6 +314,7 @@ class LandingPredictor:
             experience=experience,
             casts=(*self.casts, *(casts[row] for row in rows)),
             fitted=(*self.fitted, *known),
+            compared=(*self.compared, *compared.tolist()),
         )
 
     def near(self, target_xy: _Array, tracks: MeasuredTracks) -> "LandingPredictor":
@@ -329,7 +337,7 @@ class LandingPredictor:
             experience=dataclasses.replace(start.experience, residual=residual),
         )
         ages = iter(self.experience.ages)
-        age_of = [next(ages) if cast.landed else 1.0 for cast in self.casts]
+        age_of = [next(ages) if compared else 1.0 for compared in self.compared]
         return start.with_casts(
             [self.casts[row] for row in rows],
             fitted=[self.fitted[row] for row in rows],
