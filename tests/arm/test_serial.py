@@ -13,6 +13,7 @@ from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError, InputError, UnknownNameError
 from cablecast.motion.action import Action, grid_actions
 from cablecast.motion.feasibility import check_actions, feasible_ranges
+from cablecast.motion.polar import polar_cast_path
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
@@ -185,10 +186,29 @@ def test_a_seven_joint_arm_plans_an_action_and_travels_with_its_results():
     assert Setup.from_dict(setup.to_dict()) == setup
 
 
-def test_a_motion_that_lifts_the_grip_is_refused():
-    poses = np.array([[0.0, 0.5, 0.02, 0.0, 0.0], [0.0, 0.5, 0.2, 0.0, 0.0]])
-    with pytest.raises(IKError, match=r"one height.*from 0.02 to 0.2 m"):
-        pybullet_arm("xarm6").inverse(poses)
+def test_a_polar_cast_moves_the_joints_of_a_described_arm_as_the_analytic_one(described):
+    path = polar_cast_path((0.1, 1.3), Setup())
+    motion = [path.evaluate(np.linspace(0.0, path.duration[0], 80), order)[0] for order in range(3)]
+    ours, theirs = (arm.inverse_motion(*motion) for arm in (described, UR5))
+    # Lifted postures are solved to rounding; their rates are central differences.
+    np.testing.assert_allclose(ours.q, theirs.q, atol=1e-8)
+    np.testing.assert_allclose(ours.qd, theirs.qd, atol=DIFFERENCE)
+    np.testing.assert_allclose(ours.qdd, theirs.qdd, atol=10 * DIFFERENCE)
+
+
+def test_a_redundant_arm_lifts_and_tilts_its_grip():
+    arm = pybullet_arm("iiwa")
+    times = np.linspace(0.0, 2.0, 40)
+    poses = motion(times, 0.5, 0.8, 0.9)
+    poses[:, 2] += 0.2 * (1.0 - np.cos(times))
+    poses[:, 4] = 0.4 * np.sin(times)
+    np.testing.assert_allclose(arm.grip_pose(arm.inverse(poses)), poses, atol=TABLE)
+
+
+def test_a_lifted_grip_out_of_reach_is_named():
+    high = np.array([[0.0, 0.5, 0.02, 0.0, 0.0], [0.0, 0.6, 1.2, 0.0, 0.0]])
+    with pytest.raises(IKError, match=r"does not reach the grip at .* 1.2\] m"):
+        pybullet_arm("iiwa").inverse(high)
 
 
 def test_a_turned_base_moves_only_the_first_joint():

@@ -7,15 +7,17 @@ import pathlib
 import numpy as np
 import pytest
 
+from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
 from cablecast.cast import TrialStatus
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import TargetError
 from cablecast.evaluation.evaluate import evaluate_policy, trial_rows
 from cablecast.learning.policy import PolarCastingPolicy
+from cablecast.motion.polar import PolarCastConfig
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
-from cablecast.workspace import load_targets
+from cablecast.workspace import Workspace, load_targets
 
 ROOT = pathlib.Path(__file__).parents[2]
 # Cable 2 has hardly an attachment, which the engine does not know.
@@ -89,3 +91,10 @@ def test_an_evaluation_plays_it_and_leaves_the_cells_of_the_action_empty(tmp_pat
     row = trial_rows(evaluation)[0]
     assert (row["theta1_deg"], row["psi_deg"]) == ("", "")
     assert row["duration_s"] == pytest.approx(evaluation.motions[0].duration, abs=1e-4)
+
+
+def test_a_longer_arm_casts_at_the_radii_of_its_reach():
+    setup = Setup(arm=ArmUR(model="ur10e"), workspace=Workspace(r_max=1.3))
+    policy = PolarCastingPolicy(setup=setup)
+    assert policy.cast == PolarCastConfig.of(setup.workspace)
+    assert policy.info["cast_radius"] == pytest.approx(0.88 * 1.3 / 0.94)

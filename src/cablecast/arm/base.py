@@ -301,6 +301,19 @@ def rod_ends(rods: list[tuple[Array, Array]]) -> Array:
     return np.stack([np.stack(ends, axis=-2) for ends in rods], axis=-3)
 
 
+def directions(poses: Array) -> tuple[Array, Array, Array, Array]:
+    """Return unit vectors of grip poses along cable and tool, forward and right, [..., 3] each."""
+    yaw, pitch = poses[..., 3], poses[..., 4]
+    zero = np.zeros_like(yaw)
+    forward = np.stack([np.sin(yaw), np.cos(yaw), zero], axis=-1)
+    right = np.stack([np.cos(yaw), -np.sin(yaw), zero], axis=-1)
+    up = np.array([0.0, 0.0, 1.0])
+    cos_pitch, sin_pitch = np.cos(pitch)[..., None], np.sin(pitch)[..., None]
+    along = cos_pitch * forward + sin_pitch * up
+    tool = sin_pitch * forward - cos_pitch * up
+    return along, tool, forward, right
+
+
 def flange_motion(o: float, p: Array, v: Array, a: Array) -> tuple[Array, ...]:
     """Return x and y of the flange, `o` [m] behind the grip, each with two derivatives."""
     if o == 0.0:

@@ -25,6 +25,7 @@ from cablecast.arm.base import (
     JointLimits,
     JointMotion,
     Links,
+    directions,
     flange_motion,
     jacobian,
     polar_motion,
@@ -51,8 +52,11 @@ _RADIUS_MIN = 0.02
 _SOLVED, _JUMP_MAX = 1e-7, 0.6
 # Compliance of the pose in the solution: keeps it defined where a joint's effect vanishes.
 _SOFT = 1e-10
-# Poses of a batch whose height differs by more [m], or whose pitch [rad], are refused.
-_LEVEL = 1e-6
+# Poses of a batch whose height differs by more [m], or whose pitch [rad], are solved one by one, in
+# so many steps from a level one; their rates are central differences over a step of time [s].
+_LEVEL, _STEPS, _TIME_STEP = 1e-6, 16, 1e-3
+# Share of the way from the edge of the level reach to its middle at which these steps begin.
+_INWARDS = 0.3
 # Poses per part of a batch: their coefficients stay in the processor's cache.
 _PART = 4096
 
@@ -183,16 +187,13 @@ class ArmSerial(Arm):
     ) -> JointMotion:
         """Return joint angles along moving poses, with their rates and accelerations.
 
-        Height and pitch of the grip must not change: the pitch is 0.
+        Raises:
+            IKError: The arm cannot hold the grip level at the lowest height of the poses.
         """
         p, v, a = (np.asarray(values, dtype=float) for values in (poses, velocities, accelerations))
-        z = float(p[..., 2].flat[0])
+        z = float(p[..., 2].min())
         if np.ptp(p[..., 2]) > _LEVEL or np.abs(p[..., 4]).max() > _LEVEL:
-            raise IKError(
-                f"the arm {self.model} follows motions of one height, with its gripper straight "
-                f"down: this one has heights from {p[..., 2].min():.4g} to {p[..., 2].max():.4g} m "
-                f"and a pitch of up to {np.abs(p[..., 4]).max():.3g} rad"
-            )
+            return self._lifted(p, v, a, z)
         table = _tabulate(self, round(z + self.gripper_length, 9))
         with np.errstate(invalid="ignore", divide="ignore"):
             (rho, drho, ddrho), azimuth, _ = polar_motion(*flange_motion(self.grip_offset, p, v, a))
@@ -202,6 +203,53 @@ class ArmSerial(Arm):
             values[..., 0] -= table.sense * order
         low, high = (np.full_like(rho, bound) for bound in table.reach)
         return JointMotion(q=q, qd=qd, qdd=qdd, radius=rho, radius_min=low, radius_max=high)
+
+    def _lifted(self, p: Array, v: Array, a: Array, z: float) -> JointMotion:
+        """Return the joint motion of a gripper that rises and tilts.
+
+        Each posture is continued from the level one below it, at the height z [m].
+        """
+        height = round(z + self.gripper_length, 9)
+        table, solver = _tabulate(self, height), _Solver(self, height)
+        t = np.reshape([0.0, -_TIME_STEP, _TIME_STEP], (3, *[1] * p.ndim))
+        pose = (p + t * v + 0.5 * t * t * a).reshape(3, -1, 5)
+        along, tool, *_ = directions(pose)
+        x, y, up = np.moveaxis(
+            pose[..., :3] - self.gripper_length * tool - self.grip_offset * along, -1, 0
+        )
+        rho, azimuth, pitch = np.hypot(x, y), np.arctan2(x, y), pose[..., 4]
+        turn = pose[..., 3] - azimuth
+        low, high = table.reach
+        start = np.clip(rho[0], low, high)
+        start = start + _INWARDS * (0.5 * (low + high) - start)
+        still = np.zeros_like(start)
+        q = table.motion((start, still, still), [turn[0], still, still])[0]
+        for share in np.linspace(0.0, 1.0, _STEPS + 1)[1:]:
+            place, level = (a + share * (b - a) for a, b in ((start, rho[0]), (height, up[0])))
+            q = solver.solve(q, place, turn[0], height=level, pitch=share * pitch[0])
+        before, after = (
+            solver.solve(q, rho[i], turn[i], height=up[i], pitch=pitch[i]) for i in (1, 2)
+        )
+        for values, angle in zip((q, before, after), azimuth, strict=True):
+            values[:, 0] -= table.sense * angle
+        qd, qdd = 0.5 * (after - before) / _TIME_STEP, (after - 2.0 * q + before) / _TIME_STEP**2
+        # The level reach as a sphere about the second joint; beyond it where the arm reaches less.
+        centre = self.frames(np.zeros(self.joint_count))[1][2, 3]
+        sphere = high**2 + (height - centre) ** 2 - (up[0] - centre) ** 2
+        outer = np.sqrt(np.maximum(sphere, 0.0))
+        outer = np.where(
+            np.isnan(q[:, 0]) & (rho[0] > low), np.minimum(outer, 0.999 * rho[0]), outer
+        )
+        return JointMotion(
+            **{
+                name: values.reshape(p.shape[:-1] + values.shape[1:])
+                for name, values in {
+                    **{"q": q, "qd": qd, "qdd": qdd, "radius": rho[0]},
+                    "radius_min": np.full_like(outer, low),
+                    "radius_max": outer,
+                }.items()
+            }
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -369,7 +417,16 @@ class _Solver:
         self.sense = float(np.sign(arm.frames(np.zeros(arm.joint_count))[0][2, 2]))
         self.reach = sum(float(np.linalg.norm(offset[:3])) for offset in arm.offsets)
 
-    def solve(self, q: Array, radius: Array, turn: Array, *, rough: int = 0) -> Array:
+    def solve(
+        self,
+        q: Array,
+        radius: Array,
+        turn: Array,
+        *,
+        height: Array | None = None,
+        pitch: Array | float = 0.0,
+        rough: int = 0,
+    ) -> Array:
         """Return the postures nearest to the middle one, NaN where there are none.
 
         Newton's method on the conditions of the constrained minimum. The first `rough` steps leave
@@ -379,13 +436,17 @@ class _Solver:
             q: Guesses, shape [pose, joint].
             radius: Distance of the flange from the base axis [m], shape [pose].
             turn: Turn of the cable [rad], shape [pose].
+            height: Height of the flange [m], shape [pose]; that of the solver where None.
+            pitch: Pitch of the grip [rad], shape [pose].
             rough: Number of steps without curvature.
         """
         start, q, count = q, np.nan_to_num(q), self.arm.joint_count
-        along = np.stack([np.sin(turn), np.cos(turn), np.zeros_like(turn)], axis=-1)
-        down = np.broadcast_to([0.0, 0.0, -1.0], along.shape)
-        wanted = np.stack([np.cross(-along, down), -along, down], axis=-1)
-        place = np.stack([np.zeros_like(radius), radius, np.full_like(radius, self.height)], -1)
+        pose = np.zeros((len(q), 5))
+        pose[:, 3], pose[:, 4] = turn, pitch
+        along, tool, *_ = directions(pose)
+        wanted = np.stack([np.cross(-along, tool), -along, tool], axis=-1)
+        place = np.zeros((len(q), 3))
+        place[:, 1], place[:, 2] = radius, self.height if height is None else height
         system = np.zeros((len(q), count + 6, count + 6))
         system[:, range(count, count + 6), range(count, count + 6)] = -_SOFT
         forces, step = np.zeros((len(q), 6)), np.zeros_like(q)

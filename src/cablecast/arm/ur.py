@@ -22,6 +22,7 @@ from cablecast.arm.base import (
     JointLimits,
     JointMotion,
     Links,
+    directions,
     flange_motion,
     jacobian,
     polar_motion,
@@ -389,23 +390,10 @@ def tilted_motion(arm: ArmUR, poses: Array, velocities: Array, accelerations: Ar
     )
 
 
-def _directions(poses: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the unit vectors along the cable, along the tool, forward and right, [..., 3] each."""
-    yaw, pitch = poses[..., 3], poses[..., 4]
-    zero = np.zeros_like(yaw)
-    forward = np.stack([np.sin(yaw), np.cos(yaw), zero], axis=-1)
-    right = np.stack([np.cos(yaw), -np.sin(yaw), zero], axis=-1)
-    up = np.array([0.0, 0.0, 1.0])
-    cos_pitch, sin_pitch = np.cos(pitch)[..., None], np.sin(pitch)[..., None]
-    along = cos_pitch * forward + sin_pitch * up
-    tool = sin_pitch * forward - cos_pitch * up
-    return along, tool, forward, right
-
-
 def _angles(arm: ArmUR, poses: Array) -> tuple[Array, Array, Array, Array]:
     """Return joint angles, and the radius of the first wrist joint with its bounds."""
     links = arm.lengths
-    along, tool, _, right = _directions(poses)
+    along, tool, _, right = directions(poses)
     flange = poses[..., :3] - arm.gripper_length * tool - arm.grip_offset * along
     # The centre behind the flange does not move with joints 5 and 6.
     centre = flange - links.d6 * tool
@@ -447,7 +435,7 @@ def _rates(
     arm: ArmUR, q: Array, poses: Array, velocities: Array, accelerations: Array
 ) -> tuple[Array, Array]:
     """Return joint rates and accelerations for motions of the gripped end, [pose, 6] each."""
-    _, _, forward, right = _directions(poses)
+    _, _, forward, right = directions(poses)
     up = np.array([0.0, 0.0, 1.0])
     dyaw, dpitch = velocities[:, 3, None], velocities[:, 4, None]
     ddyaw, ddpitch = accelerations[:, 3, None], accelerations[:, 4, None]

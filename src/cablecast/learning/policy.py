@@ -636,11 +636,15 @@ class PolarCastingPolicy:
 
     Attributes:
         setup: Cable, table and arm.
-        cast: Settings of the lift, the swing and the pull.
+        cast: Settings of the lift, the swing and the pull; those for the arm's reach where None.
     """
 
     setup: Setup
-    cast: PolarCastConfig = dataclasses.field(default_factory=PolarCastConfig)
+    cast: PolarCastConfig = None  # pyright: ignore[reportAssignmentType]
+
+    def __post_init__(self):
+        if self.cast is None:
+            object.__setattr__(self, "cast", PolarCastConfig.of(self.setup.workspace))
 
     @property
     def info(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-# Reach as a multiple of the paper's up to which the paper's radii serve.
+# Factor of the paper's reach, either way, up to which the paper's radii serve.
 _SAME_REACH = 1.05
 
 _PACES = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
@@ -140,13 +140,14 @@ class PolarCastConfig:
     def of(cls, workspace: Workspace) -> "PolarCastConfig":
         """Return the settings for an arm's reach.
 
-        The radii of an arm that reaches farther grow with its reach: so near to its base as the
-        paper's its joints would have to turn faster than they can.
+        All radii of a longer arm grow with its reach: so near to its base as the paper's, its
+        joints would have to turn faster than they can. A shorter arm cannot go out as far.
         """
         config, share = cls(), workspace.r_max / Workspace().r_max
-        if share <= _SAME_REACH:
+        if 1.0 / _SAME_REACH <= share <= _SAME_REACH:
             return config
-        names = ("hang_radius", "carry_radius", "draw_radius", "rise_radius", "cast_radius")
+        near = ("hang_radius", "draw_radius", "rise_radius") if share > 1.0 else ()
+        names = ("carry_radius", "cast_radius", *near)
         return dataclasses.replace(config, **{n: share * getattr(config, n) for n in names})
 
     def slowed(self, factor: float) -> "PolarCastConfig":
