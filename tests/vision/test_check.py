@@ -1,7 +1,6 @@
 """What a check of a camera advises."""
 
 import dataclasses
-import pathlib
 
 import numpy as np
 import pytest
@@ -194,10 +193,7 @@ def test_a_lens_that_loses_its_focus_is_told_in_each_frame():
         assert words in "".join(said)
 
 
-def test_the_page_has_a_row_for_each_case_and_a_wooden_table_needs_no_change():
-    text = (pathlib.Path(__file__).parents[2] / "docs/camera.md").read_text()
-    for name in camera_advice.cases():
-        assert f"| {name} | " in text
+def test_a_wooden_table_needs_no_change():
     advice, found, rms = camera_advice.look(camera_advice.cases()["wooden table"])
     assert [line for line in advice if "something of the marker's colour" not in line] == []
     assert found == 1.0
