@@ -84,6 +84,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         LABORATORY,
         "scatter and difficulty of the virtual rig and of the paper",
     ),
+    "arms": ("arms:arms", LEARNING, "arms of other makers: time of candidates, and hits"),
     "labs": ("labs:labs", (*LEARNING, "pipeline/check"), "random laboratories: run or refused"),
     "reproduce": (
         "reproduction:main",
