@@ -60,12 +60,17 @@ STOPPING = {
 ARMS = {"cb3": "ur5", "e-series": "ur5e", "polyscope-x": "ur5e"}
 """Arm of each generation of controllers."""
 ACTIONS = np.array([[-0.4, 0.3, 0.62, 0.5], [-0.3, 0.35, 0.62, 0.4]])
-CAMERA = {"width": 960, "height": 540, "rate": 30.0, "exposure": 0.002}
-"""Settings of the camera, small for quick drawing."""
+CAMERA = {"width": 960, "height": 540, "rate": 15.0, "exposure": 0.002}
+"""Settings of the camera, with few and small pictures: what takes time is drawing them."""
 SEGMENT_COUNT = 12
 REST_TIME = 1.5
 """Time after a fault for which the arm is watched [s]."""
-BUSY = ("computer is busy", "heard nothing of this computer", "has been silent")
+BUSY = (
+    "computer is busy",
+    "heard nothing of this computer",
+    "has been silent",
+    "does not say its version",
+)
 """Words of what a busy computer does to a session, as a lost network does."""
 LOSING = {"lost_packets", "late_packets", "network_lost", "controller_dies", "controller_restarts"}
 """Faults with which some reports are lost."""
