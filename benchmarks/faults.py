@@ -36,7 +36,7 @@ from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.link import Phase, check_ready
 from cablecast.rigs.ur.program import check_path, joint_move
-from cablecast.rigs.ur.rig import APPROACH_SPEED, RigUR
+from cablecast.rigs.ur.rig import APPROACH_SPEED, TURN_SPEED, RigUR
 from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, faults_of
 from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.rigs.ur.twin.truth import TruthCamera
@@ -104,11 +104,12 @@ class RigQuick(RigUR):
         setup: Lab file of a twin.
         camera: Camera over its table.
         failures: List that grows by why an attempt failed.
+        speed: Largest speed of a joint in the reset [rad/s].
     """
 
-    def __init__(self, setup: Setup, camera: TrialCamera, failures: list[str]):
+    def __init__(self, setup: Setup, camera: TrialCamera, failures: list[str], speed: float):
         super().__init__(setup, camera)
-        self._failures = failures
+        self._failures, self._speed = failures, speed
 
     def reset(self) -> None:
         try:
@@ -134,7 +135,7 @@ class RigQuick(RigUR):
         home = np.asarray(reset_pose(self.setup.workspace), dtype=float)
         aside = self.setup.arm.inverse(home + [0.15, 0.0, 0.2, 0.2, 0.0])
         for place in (aside, self.setup.arm.inverse(home)):
-            way = joint_move(self._at_rest(link), place, APPROACH_SPEED)
+            way = joint_move(self._at_rest(link), place, self._speed)
             check_path(way, self.setup, "the way back")
             self._play("cablecast_approach", way, Phase.RESET)
         self._wait(link, 0.2)
@@ -190,7 +191,9 @@ def make_camera(setup: Setup, part: str) -> TrialCamera:
 def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcome:
     """Let one fault come in a session, and say what came of it."""
     # What is wrong with camera or cable may be noticed only before the next cast.
-    actions = ACTIONS[:1] if part_of(fault) == "robot" else ACTIONS
+    part = part_of(fault)
+    actions = ACTIONS[:1] if part == "robot" else ACTIONS
+    speed = APPROACH_SPEED if part == "robot" else TURN_SPEED
     failures: list[str] = []
     twin.admin.clear()
     session_start = twin.admin.state()["time"]
@@ -200,7 +203,7 @@ def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcom
         def collect() -> str:
             """Collect, and return the error; nothing where there was none."""
             try:
-                rig = RigQuick(setup, make_camera(setup, part_of(fault)), failures)
+                rig = RigQuick(setup, make_camera(setup, part), failures, speed)
                 with CheckedRig(rig, setup, time_limit=600.0) as rig:
                     collect_dataset(path, rig, setup, purpose="tune", actions=actions, attempts=2)
             except CablecastError as error:
@@ -294,8 +297,8 @@ def main(args: Args) -> Iterator[Table]:
         for part in ("robot", "camera", "cable"):
             due = [
                 (fault, phase)
-                for fault in faults
                 for phase in args.phases
+                for fault in faults
                 if part_of(fault) == part and f"{generation} {fault} {phase}" not in cells
             ]
             if not due or args.only_kept:
