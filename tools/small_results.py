@@ -49,7 +49,7 @@ COARSE = ("--segment-count", "8", "--dt", "0.002")
 # Small commands: each verb does its work in a second or two, on what the ones before it left.
 SMALL: dict[str, tuple[str, ...]] = {
     "collect": (*STICK, "--count", "6", "--out", "runs/tune-data"),
-    "collect real": (*STICK, "--purpose", "real", "--count", "30", "--out", "runs/real-data"),
+    "collect real": (*STICK, "--purpose", "real", "--count", "50", "--out", "runs/real-data"),
     "repeat": (*STICK, "--action-count", "3", "--repeats", "3", "--out", "runs/repeat"),
     "tune": (
         *("--dataset", "runs/tune-data", "--method", "de"),
