@@ -157,8 +157,10 @@ def run(
         with contextlib.suppress(BaseException):
             os.setsid()
             os.chdir(folder)
+            new = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+            output = os.open(folder.parent / "output.txt", new)
             for stream in (1, 2):
-                os.dup2(os.open(folder.parent / "output.txt", os.O_WRONLY | os.O_CREAT), stream)
+                os.dup2(output, stream)
             signal.signal(signal.SIGINT, signal.default_int_handler)
             try:
                 status = run_job(job)
