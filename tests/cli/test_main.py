@@ -37,6 +37,8 @@ def test_every_verb_explains_itself(verb, capsys):
     text = capsys.readouterr().out
     assert f"usage: cablecast {verb}" in text
     assert "None" not in text
+    # Of --no-write: a flag that is given to turn something off says what is then off.
+    assert "(default: True)" not in " ".join(re.sub("[│•]", " ", text).split())
     # A person who starts a verb knows when to come back.
     assert re.search(r"\b(second|minute|hour)s?\b", text)
 

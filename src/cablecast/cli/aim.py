@@ -82,6 +82,7 @@ class Aim(AimConfig, _Targets):
             TRIES_FILE,
             aim,
             check_aim,
+            compile_for_fits,
             prepare_aim,
             write_aim_report,
         )
@@ -101,6 +102,8 @@ class Aim(AimConfig, _Targets):
         # The paper's errors are those of all its targets.
         config = dataclasses.replace(AimConfig.of(self), anyway=self.anyway or self.paper_targets)
         check_aim(config, out)
+        # While it is simulated which targets are within reach.
+        compile_for_fits()
         # What is fitted to casts tells more than what is believed of the cable.
         known_fit = self.params is not None or (out / SESSION_FOLDER).exists()
         targets, outside = _within_reach(setup, targets, anyway=config.anyway or known_fit)

@@ -44,8 +44,8 @@ class Calibrate:
     """Side of a tag on the board, for lens [m]."""
     family: Annotated[str, argument("NAME")] = "4X4_100"
     """Family of the tags on the board, for lens, such as 5X5_100."""
-    write: bool = True
-    """Write the result into the lab file."""
+    write: Annotated[bool, argument("", "it is changed")] = True
+    """Leave the lab file as it is. Otherwise it gets the result."""
 
     def run(self) -> None:
         """Calibrate, write and print."""

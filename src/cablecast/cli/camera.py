@@ -52,8 +52,8 @@ class CameraVerb:
     """CSV of what the robot reported of that swing: time_s [s] and q1 to q6 [rad], for sync."""
     begin: Annotated[float, argument("S")] = 0.0
     """Time of the camera's clock at the first frame of the film, for sync [s]."""
-    write: bool = True
-    """Write the offset, or the marker of --pick, into the lab file."""
+    write: Annotated[bool, argument("", "it is changed")] = True
+    """Leave the lab file as it is. Otherwise it gets the offset, or the marker of --pick."""
 
     def run(self) -> int:
         """Check or sync, and print what was found; return the exit status."""

@@ -12,6 +12,7 @@ from cablecast.cli.options import (
     LabFile,
     RigName,
     TimeLimit,
+    WithPsi,
     argument,
 )
 
@@ -49,8 +50,7 @@ class Collect:
     """Seed of the actions and of the virtual rig."""
     v_max: GripSpeed = None
     r0: ArcRadius = None
-    psi: bool = True
-    """Turn the wrist (action set A2 of the paper); --no-psi keeps it still (A1)."""
+    psi: WithPsi = True
     time_limit: TimeLimit = 120.0
     dry_run: bool = False
     """With --rig ur, check every path and ask the controller if it is ready, and move nothing."""

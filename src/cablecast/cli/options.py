@@ -136,6 +136,10 @@ ArcRadius = Annotated[
         "Radius of the arcs that the gripper sweeps, at their start [m]; larger is flatter.",
     ),
 ]
+WithPsi = Annotated[
+    bool,
+    argument("", "it turns (action set A2)", "Keep the wrist still (action set A1 of the paper)."),
+]
 WithRefit = Annotated[
     bool,
     argument(

@@ -12,6 +12,7 @@ from cablecast.cli.options import (
     LabFile,
     SimulatorDevice,
     TunedParams,
+    WithPsi,
     Workers,
     argument,
 )
@@ -40,8 +41,7 @@ class Simulate:
     params: TunedParams = None
     v_max: GripSpeed = None
     r0: ArcRadius = None
-    psi: bool = True
-    """Turn the wrist (action set A2 of the paper); --no-psi keeps it still (A1)."""
+    psi: WithPsi = True
     segment_count: Annotated[int | None, argument("INT", "the engine's")] = None
     """Segments of the simulated cable."""
     dt: Annotated[float | None, argument("S", "the engine's")] = None

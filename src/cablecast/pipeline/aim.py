@@ -1,9 +1,12 @@
 """aim: from a cable never seen to casts that hit their targets."""
 
+import contextlib
 import dataclasses
+import functools
 import math
 import os
 import pathlib
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +18,7 @@ from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
-from cablecast.errors import InputError, says_what_it_takes
+from cablecast.errors import CablecastError, InputError, says_what_it_takes
 from cablecast.evaluation.evaluate import (
     Evaluation,
     evaluation_metrics,
@@ -23,8 +26,10 @@ from cablecast.evaluation.evaluate import (
     summarise_errors,
 )
 from cablecast.files import write_bytes, write_text
+from cablecast.learning.checkpoint import import_torch
 from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy
 from cablecast.motion.action import Action
+from cablecast.motion.feasibility import feasible_grid, feasible_ranges
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import REPORT_FILE, TRIALS_FILE
@@ -191,10 +196,7 @@ def _calibration_casts(
     progress: ProgressCallback,
 ) -> Dataset:
     count = config.calibration_count
-    path, task = (
-        folder and folder / CALIBRATION_FOLDER,
-        f"1/4 {count} casts to fit the simulator to",
-    )
+    path, task = folder and folder / CALIBRATION_FOLDER, f"1/4 {count} casts to fit to"
     if path is not None and (path / METRICS_FILE).exists():
         # To choose their actions, thousands of casts are simulated.
         made = read_dataset(path)
@@ -203,20 +205,33 @@ def _calibration_casts(
         if is_same and made.setup.to_settings() == rig.setup.to_settings():
             progress(Progress(task=task, note=DONE_NOTE))
             return made
+    progress(Progress(task=task))
+    compile_for_fits()
+    threading.Thread(target=_get_ready, args=(rig.setup, config)).start()
+    shared: Any = {"seed": config.seed, "out": path, "progress": progress}
+    return collect(rig, count=count, sampling="spread", **shared)
+
+
+@functools.cache
+def compile_for_fits() -> None:
+    """Start, once in a process, to compile the kernel that simulates the materials of a fit."""
     from cablecast.engines.warp_.rollout import compile_ahead
     from cablecast.engines.warp_.world import Features
 
-    progress(Progress(task=task))
-    # For the fit, whose materials a kernel of their own simulates.
     compile_ahead(Features(remembers=True, surface=True))
-    return collect(
-        rig,
-        count=count,
-        sampling="spread",
-        seed=config.seed,
-        out=path,
-        progress=progress,
-    )
+
+
+def _get_ready(setup: Setup, config: AimConfig) -> None:
+    """Do, beside the first casts, what these do not decide: what is cached makes later steps short.
+
+    What fails here fails again where it is needed.
+    """
+    with contextlib.suppress(CablecastError, ImportError):
+        import_torch("aiming")
+        import matplotlib.figure  # noqa: F401
+
+        for count in (config.simulated_count, config.candidate_count):
+            feasible_grid(count, setup, feasible_ranges(setup), config.seed)
 
 
 def _later_model(
