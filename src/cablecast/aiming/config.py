@@ -26,8 +26,8 @@ class AimConfig:
     where a cast is expected to miss."""
     refit: bool = True
     """Fit the simulator to all casts, and learn anew from it, before a target where it is worth it:
-    at three times as many casts as it was fitted to, or at twice as many if first tries land
-    farther off than was stated. Takes minutes; --no-refit keeps the model."""
+    at three times as many casts as it was fitted to, or at twice as many if it follows them badly
+    or first tries land farther off than was stated. Takes a minute; --no-refit keeps the model."""
     calibration_count: int = 5
     """Casts that the rig makes before the first target. With 0 it aims at once with the believed
     cable, and the simulator is fitted to the first casts."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.config import AimConfig
+from cablecast.aiming.ensemble import USUAL_DISTANCES
 from cablecast.aiming.predictor import SPREAD_COUNT, Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
 from cablecast.camera.settings import CameraSight
@@ -36,7 +37,8 @@ GROWTH = 3
 """Times as many casts as the simulator was fitted to, from which on a new fit is due."""
 
 EARLY_GROWTH = 2
-"""Times as many, if first tries land farther off than was stated."""
+"""Times as many, if the simulator follows its casts badly, or first tries land farther off than was
+stated."""
 
 EARLY_INNOVATION, EARLY_TRIES = 2.0, 3
 """Mean normalised squared innovation (1 is expected) of so many first tries or more from which on
@@ -412,7 +414,14 @@ class AimSession:
         """Why the simulator should be fitted to all casts now; empty where it need not be."""
         if self._refitting is None:
             return ""
-        return refit_reason(self.casts, self.fitted_count, waits=self.model.waits)
+        tuned = self.model.tuned
+        posterior = None if tuned is None else tuned.posterior
+        return refit_reason(
+            self.casts,
+            self.fitted_count,
+            distance=0.0 if posterior is None else posterior.distance,
+            waits=self.model.waits,
+        )
 
     def fit(self, progress: ProgressCallback = show) -> FittedModel:
         """Return the model of a fit to all casts that were not taken back, for `use`.
@@ -448,13 +457,16 @@ def casts_near(casts: Sequence[tuple[int, Cast]], target_xy: NDArray[np.float64]
     return sorted(chosen[:LOCAL_COUNT])
 
 
-def refit_reason(casts: Sequence[Cast], fitted_count: int, *, waits: bool = False) -> str:
+def refit_reason(
+    casts: Sequence[Cast], fitted_count: int, *, distance: float = 0.0, waits: bool = False
+) -> str:
     """Return why the simulator should be fitted anew, in words; empty where it need not be.
 
     Args:
         casts: All casts of a session, in the order in which they were made.
         fitted_count: Number of them that the simulator was fitted to; 0 for one that was fitted to
             none of the session's, which needs no other fit.
+        distance: Mean distance from the fit to its tracks [cable lengths].
         waits: Whether the simulator waits for the first casts of the session.
     """
     count = len(casts)
@@ -467,6 +479,8 @@ def refit_reason(casts: Sequence[Cast], fitted_count: int, *, waits: bool = Fals
         return counts
     if count < EARLY_GROWTH * fitted_count:
         return ""
+    if distance > USUAL_DISTANCES[1]:
+        return f"{counts}, which it follows to {100.0 * distance:.1f} % of cable length only"
     innovations = [
         0.5 * cast.square
         for cast in casts[fitted_count:]
