@@ -22,6 +22,7 @@ from benchmarks.result import (
     LABORATORY,
     LEARNING,
     OTHER,
+    PAPER,
     PHYSICS,
     SIGHT,
     Result,
@@ -88,7 +89,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     "labs": ("labs:labs", (*LEARNING, "pipeline/check"), "random laboratories: run or refused"),
     "reproduce": (
         "reproduction:main",
-        (*LEARNING, "evaluation"),
+        PAPER,
         "every experiment of the paper, by `cablecast reproduce`",
     ),
 }

@@ -31,6 +31,8 @@ OTHER = ROOT / "runs" / "benchmarks"
 PHYSICS = ("cable", "motion/casting", "motion/grip_path", "engines/warp_")
 """Rooms, or packages and modules in them, that decide how a simulated cable moves."""
 LABORATORY = (*PHYSICS, "arm", "rigs/virtual")
+PAPER = (*LABORATORY, "tuning", "learning", "evaluation")
+"""What `cablecast reproduce` depends on: it does not aim."""
 LEARNING = (*LABORATORY, "tuning", "learning", "aiming")
 SIGHT = ("camera", "vision", "rigs/virtual")
 
