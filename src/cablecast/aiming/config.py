@@ -29,7 +29,8 @@ class AimConfig:
     at three times as many casts as it was fitted to, or at twice as many if it follows them badly
     or first tries land farther off than was stated. Takes a minute; --no-refit keeps the model."""
     calibration_count: int = 5
-    """Casts that the rig makes before the first target. With 0 it aims at once with the believed
+    """Casts that the rig makes before the first target; twice as many where the simulator follows
+    them badly, unless --no-refit is given. With 0 it aims at once with the believed
     cable, and the simulator is fitted to the first casts."""
     simulated_count: int = 16_000
     """Number of simulated casts that the model learns from."""

@@ -414,14 +414,8 @@ class AimSession:
         """Why the simulator should be fitted to all casts now; empty where it need not be."""
         if self._refitting is None:
             return ""
-        tuned = self.model.tuned
-        posterior = None if tuned is None else tuned.posterior
-        return refit_reason(
-            self.casts,
-            self.fitted_count,
-            distance=0.0 if posterior is None else posterior.distance,
-            waits=self.model.waits,
-        )
+        fitted, waits = self.fitted_count, self.model.waits
+        return refit_reason(self.casts, fitted, badly=follows_badly(self.model.tuned), waits=waits)
 
     def fit(self, progress: ProgressCallback = show) -> FittedModel:
         """Return the model of a fit to all casts that were not taken back, for `use`.
@@ -457,8 +451,16 @@ def casts_near(casts: Sequence[tuple[int, Cast]], target_xy: NDArray[np.float64]
     return sorted(chosen[:LOCAL_COUNT])
 
 
+def follows_badly(tuned: Tuned | None) -> str:
+    """Return how far a fit is from its own casts, in words, if farther than usual; else empty."""
+    distance = 0.0 if tuned is None or tuned.posterior is None else tuned.posterior.distance
+    if distance <= USUAL_DISTANCES[1]:
+        return ""
+    return f"follows them to {100.0 * distance:.1f} % of cable length only"
+
+
 def refit_reason(
-    casts: Sequence[Cast], fitted_count: int, *, distance: float = 0.0, waits: bool = False
+    casts: Sequence[Cast], fitted_count: int, *, badly: str = "", waits: bool = False
 ) -> str:
     """Return why the simulator should be fitted anew, in words; empty where it need not be.
 
@@ -466,7 +468,7 @@ def refit_reason(
         casts: All casts of a session, in the order in which they were made.
         fitted_count: Number of them that the simulator was fitted to; 0 for one that was fitted to
             none of the session's, which needs no other fit.
-        distance: Mean distance from the fit to its tracks [cable lengths].
+        badly: How far the fit is from these, see `follows_badly`.
         waits: Whether the simulator waits for the first casts of the session.
     """
     count = len(casts)
@@ -479,8 +481,8 @@ def refit_reason(
         return counts
     if count < EARLY_GROWTH * fitted_count:
         return ""
-    if distance > USUAL_DISTANCES[1]:
-        return f"{counts}, which it follows to {100.0 * distance:.1f} % of cable length only"
+    if badly:
+        return f"{counts}, and {badly}"
     innovations = [
         0.5 * cast.square
         for cast in casts[fitted_count:]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.config import AimConfig
-from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig
+from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig, follows_badly
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
@@ -44,7 +44,7 @@ from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.tuning.tuned import Tuned, load_tuned
 
-CALIBRATION_FOLDER = "calibration"
+CALIBRATION_FOLDER, SECOND_FOLDER = "calibration", "calibration-2"
 SESSION_FOLDER = "session"
 FITS_FOLDER = "fits"
 """A later fit lies in `fits/NNNNN-MMMMM`: the session had NNNNN casts then, and MMMMM of them were
@@ -53,7 +53,7 @@ REPORT_FOLDER = "report"
 TRIES_FILE = "tries.png"
 
 _FOLDERS = {
-    *(CALIBRATION_FOLDER, TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER),
+    *(CALIBRATION_FOLDER, SECOND_FOLDER, TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER),
     *(SESSION_FOLDER, FITS_FOLDER, REPORT_FOLDER),
 }
 
@@ -148,6 +148,9 @@ def prepare_aim(
 ) -> AimSession:
     """Make a few casts, fit the simulator to them, learn from it, and open a session.
 
+    A fit that follows its casts badly is not learned from: as many casts are made again, and the
+    simulator is fitted to all of them, unless `AimConfig.refit` is False.
+
     Args:
         rig: Rig that `make_rig` returned; gives the set-up.
         config: Settings.
@@ -177,6 +180,14 @@ def prepare_aim(
         casts = None
     elif casts is None and tuned is None and config.calibration_count:
         casts = _calibration_casts(rig, config, folder, progress)
+        tuned = learning.fit(casts, progress)
+        # Not once the session has cast at a target: a new fit is due then where it is worth it.
+        new = config.refit and all(cast.proposal is None for cast in store.casts)
+        if new and (badly := follows_badly(tuned)):
+            progress(Progress(task="The fit is not close", note=f"It {badly}: as many casts again"))
+            for made in (casts, _calibration_casts(rig, config, folder, progress, tuned)):
+                store.add_dataset(made)
+            model, casts = learning(store, progress), None
     session = AimSession(
         model or learning.first(casts, tuned, progress),
         casts=casts,
@@ -194,9 +205,12 @@ def _calibration_casts(
     config: AimConfig,
     folder: pathlib.Path | None,
     progress: ProgressCallback,
+    tuned: Tuned | None = None,
 ) -> Dataset:
-    count = config.calibration_count
-    path, task = folder and folder / CALIBRATION_FOLDER, f"1/4 {count} casts to fit to"
+    """Return the first casts; with a fit to these, as many again, spread by its landings."""
+    count, second = config.calibration_count, tuned is not None
+    path = folder and folder / (SECOND_FOLDER if second else CALIBRATION_FOLDER)
+    task = f"1/4 {count} {'more ' * second}casts to fit to"
     if path is not None and (path / METRICS_FILE).exists():
         # To choose their actions, thousands of casts are simulated.
         made = read_dataset(path)
@@ -208,8 +222,17 @@ def _calibration_casts(
     progress(Progress(task=task))
     compile_for_fits()
     threading.Thread(target=_get_ready, args=(rig.setup, config)).start()
-    shared: Any = {"seed": config.seed, "out": path, "progress": progress}
-    return collect(rig, count=count, sampling="spread", **shared)
+    return collect(
+        rig,
+        # On a rig that draws chances, the second casts have others than the first.
+        purpose="real" if second else "tune",
+        count=count,
+        sampling="spread",
+        seed=config.seed + second,
+        dynamics=None if tuned is None else tuned.dynamics,
+        out=path,
+        progress=progress,
+    )
 
 
 @functools.cache
@@ -275,7 +298,7 @@ class _Learning:
         """Return the first model of a session: of a fit to casts, of a given one, or believed."""
         waits = tuned is None and casts is None
         if casts is not None and tuned is None:
-            tuned = self._fitted(casts, self.folder, progress)
+            tuned = self.fit(casts, progress)
         elif tuned is None:
             tuned = Tuned.believed(self.setup, self.config.seed)
         return FittedModel(
@@ -284,6 +307,10 @@ class _Learning:
             fitted_to=str(tuned.metrics.get("dataset_fingerprint", "")),
             waits=waits,
         )
+
+    def fit(self, casts: Dataset, progress: ProgressCallback) -> Tuned:
+        """Return the fit to the first casts."""
+        return self._fitted(casts, self.folder, progress)
 
     def __call__(self, store: CastStore, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit; see `Refitting`."""

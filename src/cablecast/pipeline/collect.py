@@ -17,6 +17,7 @@ from cablecast.data.record import (
 )
 from cablecast.data.schema import INFO_PATH
 from cablecast.engines import make_engine
+from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import DatasetError, InputError, check_count, check_seed, says_what_it_takes
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_ranges
@@ -44,6 +45,7 @@ def collect(
     sampling: AnySampling | None = None,
     psi: bool = True,
     seed: int = 0,
+    dynamics: Dynamics | None = None,
     out: str | os.PathLike[str] | None = None,
     progress: ProgressCallback = show,
 ) -> Dataset:
@@ -61,6 +63,7 @@ def collect(
             the simulated landings are spread over the table; as in the paper where None.
         psi: Whether the wrist turns (the action set A2 of the paper).
         seed: Seed of the actions.
+        dynamics: Fit whose landings are spread over the table; the believed cable where None.
         out: Folder that keeps the casts and lets a stopped run go on; none where None.
         progress: Receives the number of casts done.
 
@@ -83,7 +86,7 @@ def collect(
     ranges = feasible_ranges(setup, psi)
     given = None
     if how == "spread":
-        given = choose_actions(how, purpose, count, setup, ranges, seed)
+        given = choose_actions(how, purpose, count, setup, ranges, seed, dynamics)
     with folder_or_temporary(out) as folder:
         dataset = collect_dataset(
             folder,
@@ -139,6 +142,7 @@ def choose_actions(
     setup: Setup,
     ranges: ActionRanges,
     seed: int,
+    dynamics: Dynamics | None = None,
 ) -> NDArray[np.float64]:
     """Return the actions of a collection, in the order in which they are made, shape [action, 4].
 
@@ -150,4 +154,4 @@ def choose_actions(
         return sample_actions(sampling, count, setup, seed, ranges)
     coarse = FitConfig()
     engine = make_engine("warp", coarse.coarse_segment_count, coarse.coarse_dt)
-    return spread_actions(setup, count, engine, ranges, seed)
+    return spread_actions(setup, count, engine, ranges, seed, dynamics)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.engines.base import Engine
+from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError, check_seed
 from cablecast.motion.action import ActionRanges, mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
@@ -36,11 +37,12 @@ def spread_actions(
     engine: Engine,
     ranges: ActionRanges | None = None,
     seed: int = 0,
+    dynamics: Dynamics | None = None,
 ) -> NDArray[np.float64]:
     """Choose actions whose simulated landings are spread over the table, shape [count, 4].
 
     They go to the right and to the left by turns, and are from ranges that suit the set-up where
-    none are given.
+    none are given. The landings are those of the believed cable where no dynamics are given.
 
     Raises:
         InputError: Too few actions stay on the table, or the seed is out of bounds.
@@ -48,7 +50,8 @@ def spread_actions(
     pool = feasible_uniform(max(_POOL_COUNT, 10 * count), setup, ranges, check_seed(seed))
     actions, _ = mirror_to_right(pool)
     paths = cast_grip_paths(actions, setup)
-    xy = engine.rollout(setup.cable, paths, sample_dt=_SAMPLE_DT).endpoint_xy
+    played = Dynamics.of(dynamics, setup)
+    xy = played.rollout(engine, setup, paths, sample_dt=_SAMPLE_DT).endpoint_xy
     distance = setup.workspace.edge_distance(xy)
     # On a small table the free end may lie nearer to an edge after the reset: it may come as near.
     edge = np.minimum(EDGE, 0.9 * distance[:, :1].min())
@@ -57,8 +60,9 @@ def spread_actions(
     _, first = np.unique(np.round(landing_xy / _CELL), axis=0, return_index=True)
     if len(first) < count:
         raise InputError(
-            f"simulated casts of the believed cable land at {len(first)} places of the table, too "
-            f"few to spread {count} casts: check the cable's file and the table"
+            f"simulated casts of the {'believed' if dynamics is None else 'fitted'} cable land at "
+            f"{len(first)} places of the table, too few to spread {count} casts: check the cable's "
+            "file and the table"
         )
     scale = actions.std(axis=0) + 1e-9
     chosen = []
