@@ -34,8 +34,9 @@ COMMAND = (
 
 @pytest.fixture(autouse=True)
 def quick(blank_figures, monkeypatch):
-    """Let the command line fit and simulate as quickly, too."""
+    """Let the command line fit and simulate as quickly, too, and take every fit for a close one."""
     monkeypatch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: QUICK)
+    monkeypatch.setattr("cablecast.aiming.session.USUAL_DISTANCES", (0.012, 1.0))
 
 
 def prepare(rig, *, fit_all=False, out=None, progress=ignore, **changes):
@@ -100,6 +101,24 @@ def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig,
     assert prepare(rig, **options).fitted_count == 6
     with pytest.raises(InputError, match="calibration_count is 1: a fit takes at least 2"):
         prepare(rig, calibration_count=1)
+
+
+def test_a_fit_that_follows_its_casts_badly_asks_for_as_many_again(rig, tmp_path, monkeypatch):
+    monkeypatch.setattr("cablecast.aiming.session.USUAL_DISTANCES", (0.0, 1e-6))
+    assert prepare(rig, refit=False).fitted_count == 3
+    notes = []
+    session = prepare(rig, out=tmp_path, progress=lambda state: notes.append(state.note))
+    assert any("It follows them to" in note for note in notes)
+    assert len(session.casts) == session.fitted_count == 6
+    actions = np.array([cast.action for cast in session.casts])
+    assert len(np.unique(actions, axis=0)) == 6
+    # All six are of the last fit, and a session that is opened again makes none.
+    config = json.loads((tmp_path / "fits" / "00006-00000" / "tune" / "config.json").read_text())
+    assert config["settings"]["training_count"] == 6
+    assert not (tmp_path / "model").exists()
+    again = prepare(rig, out=tmp_path)
+    assert again.model.policy.model.fingerprint == session.model.policy.model.fingerprint
+    assert (len(again.casts), again.refit_reason) == (6, "")
 
 
 def test_the_command_says_that_it_begins_with_the_believed_values(tmp_path, capsys):
