@@ -38,7 +38,9 @@ USUAL_DISTANCES, FACTORS = (0.012, 0.021), (0.05, 3.0)
 """Mean distances from a fit to its tracks between which these two hold [cable lengths]: those of
 fits in the virtual rig, where the distance tells no more. Beyond, misses grow and shrink with its
 square, between the least and the largest factor. With the square, because wrong physics errs by
-more elsewhere than along the tracks that were fitted."""
+more elsewhere than along the tracks that were fitted. Larger misses widen the regions that are
+stated, and do not change the choice of a cast: with them corrections stop half-way, and second
+tries miss by more (docs/notes.md)."""
 
 TRUSTED_COUNT = 5
 """Casts from which on a close fit means small misses elsewhere: a fit finds so many numbers that it
@@ -63,7 +65,7 @@ class LandingEstimate:
         spreads: Standard deviation of the landings along each axis [cable lengths], shape [action].
         leaving: Share of the simulators in which the free end passes an edge of the table [-],
             shape [action].
-        factor: Size of misses over the usual one [-].
+        factor: Size of misses over the usual one [-], 1 at most.
     """
 
     landing_xy: NDArray[np.float64]
@@ -241,7 +243,7 @@ class EnsembleLandings:
             frictions=rows[:, 2],
             spreads=rows[:, 3],
             leaving=rows[:, 4],
-            factor=self.factor,
+            factor=min(1.0, self.factor),
         )
 
     @functools.cached_property

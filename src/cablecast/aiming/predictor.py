@@ -401,6 +401,9 @@ class LandingPredictor:
         )
         places, landing_xy, variance = self.expected(candidates)
         scatter, length = self.experience.scatter(places), self.beliefs.length
+        # A simulator that follows its casts badly misses by more than the process expects.
+        if self.ensemble is not None:
+            variance = variance * max(1.0, self.ensemble.factor) ** 2
         shifts = self.beliefs.model.landing_shifts(candidates.actions, self.beliefs.changes)
         along = shifts @ np.swapaxes(shifts, 1, 2)
         along /= np.maximum(np.sum(shifts**2, axis=(1, 2)), 1e-12)[:, None, None]
