@@ -61,6 +61,8 @@ class _Assumed:
     Where no model is given, casts have no landing in the best simulator.
     """
 
+    factor = 1.0
+
     def __init__(self, model=None, shift=(0.0, 0.0), leaves_from=-10.0):
         self.model, self.shift, self.leaves_from = model, np.array(shift), leaves_from
 
@@ -181,6 +183,24 @@ def test_a_cast_without_a_landing_in_the_simulator_lands_where_the_network_says(
     expected, _, _ = predictor_of(policy, _Assumed()).predict(ACTIONS)
     # The network's single precision rounds a batch otherwise than its rows.
     np.testing.assert_allclose(expected, policy.model.predict(ACTIONS), rtol=0, atol=1e-6)
+
+
+def test_a_fit_that_follows_its_casts_badly_widens_what_is_stated_and_nothing_else(policy):
+    close, poor = _Assumed(policy.model), _Assumed(policy.model)
+    poor.factor = 2.0
+    one, other = predictor_of(policy, close), predictor_of(policy, poor)
+    for first, second in zip(
+        one.expected(one.evaluate(ACTIONS, np.ones(len(ACTIONS))))[1:],
+        other.expected(other.evaluate(ACTIONS, np.ones(len(ACTIONS))))[1:],
+        strict=True,
+    ):
+        np.testing.assert_array_equal(first, second)
+    (xy, covariance, scatter), (same, wide, equal) = one.predict(ACTIONS), other.predict(ACTIONS)
+    np.testing.assert_array_equal(xy, same)
+    np.testing.assert_array_equal(scatter, equal)
+    # The scatter of equal casts is no wider.
+    traces = [np.trace(each, axis1=1, axis2=2) - 2.0 * scatter**2 for each in (covariance, wide)]
+    np.testing.assert_allclose(traces[1], 4.0 * traces[0])
 
 
 def test_the_friction_moves_landings_as_two_simulators_say(ensemble):

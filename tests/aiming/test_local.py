@@ -128,6 +128,8 @@ def test_a_predictor_for_one_target_has_the_same_casts_and_leaves_the_other_alon
 class _Steady:
     """An ensemble that says the same of all casts, and learns nothing."""
 
+    factor = 1.0
+
     def evaluate(self, actions, side=None):
         nothing = np.zeros(len(actions))
         return LandingEstimate(
