@@ -102,7 +102,7 @@ QUOTED: dict[str, tuple[str, float]] = {
         "--targets 66 --tries 2",
         20.0,
     ),
-    "reproduce": ("reproduce --rig virtual:4", 3.0),
+    "reproduce": ("reproduce", 3.0),
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),
     "paper-way": (
         "casts --rigs virtual:4 --cables cable_1 --labs 0 1 --counts 280 --methods aim "
