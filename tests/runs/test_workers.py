@@ -34,24 +34,9 @@ def square(value, offset):
     return value**2 + offset
 
 
-@pytest.mark.parametrize("at_once", [1, 3])
-def test_tasks_run_here_in_their_order(at_once):
+def test_tasks_run_here_in_their_order():
     tasks = [(number, (number,)) for number in range(4)]
-    done = run_tasks(square, tasks, shared=(1,), at_once=at_once)
-    assert list(done) == [(0, 1), (1, 2), (2, 5), (3, 10)]
-
-
-def test_of_tasks_here_some_run_at_once_and_none_starts_after_an_error():
-    both, started = threading.Barrier(2, timeout=30.0), []
-
-    def meet(number):
-        started.append(number)
-        both.wait()
-        raise InputError(f"task {number}")
-
-    with pytest.raises(InputError, match="task 0"):
-        list(run_tasks(meet, [(number, (number,)) for number in range(9)], at_once=2))
-    assert sorted(started) == [0, 1]
+    assert list(run_tasks(square, tasks, shared=(1,))) == [(0, 1), (1, 2), (2, 5), (3, 10)]
 
 
 @pytest.mark.parametrize("workers", ["threads", "ray:", "local:2", ""])

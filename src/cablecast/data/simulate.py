@@ -37,7 +37,7 @@ from cablecast.setup import Setup
 SIMULATED_COUNT = 36_000
 """Number of actions in D_sim (section V-F)."""
 
-SHARD_ROWS, SLOW_SHARD_ROWS, CUDA_SHARD_ROWS = 2000, 30, 36_000
+SHARD_ROWS, SLOW_SHARD_ROWS, CUDA_SHARD_ROWS = 3000, 30, 36_000
 """Number of rows of a shard, which is the unit of progress and what a kill loses: a few seconds on
 two cores, some more of a slow engine, and on a graphics card, which takes about as long for a tenth
 of these rows."""
@@ -73,8 +73,8 @@ def simulate_dataset(
         InputError: A count that is not positive; a curled cable.
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
-    on_card = str(getattr(engine, "device", "cpu")).startswith("cuda")
     if shard_rows is None:
+        on_card = str(getattr(engine, "device", "cpu")).startswith("cuda")
         shard_rows = CUDA_SHARD_ROWS if on_card else SHARD_ROWS
         shard_rows = SLOW_SHARD_ROWS if is_slow(engine) else shard_rows
     check_count("shard_rows", shard_rows)
@@ -122,9 +122,7 @@ def simulate_dataset(
             function, shared = simulate_actions, (setup, spread(engine, LOCAL))
             if made is not None:
                 function, shared = _simulate_remotely, (setup, made)
-            # The kernels of one shard run while the motions of the next are planned.
-            at_once = 1 if on_card or is_slow(engine) else 2
-            for shard, columns in run_tasks(function, tasks, workers, shared, at_once):
+            for shard, columns in run_tasks(function, tasks, workers, shared):
                 rows = writer.rows_of(shard)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
                 done += len(rows)

@@ -77,31 +77,19 @@ def run_tasks(
     tasks: Sequence[tuple[int, tuple[Any, ...]]],
     workers: str = LOCAL,
     shared: tuple[Any, ...] = (),
-    at_once: int = 1,
 ) -> Iterator[tuple[int, Any]]:
     """Yield the number and the result of each numbered task, in any order; see `check_workers`.
 
     The function is one of a module. Its last arguments are the shared ones, which travel to each
-    node once. In this process the tasks run in their order, `at_once` at a time.
+    node once.
 
     Raises:
         InputError: The cluster cannot be reached.
         CablecastError: A task raised it.
     """
-    if workers == LOCAL and at_once == 1:
+    if workers == LOCAL:
         for number, arguments in tasks:
             yield number, function(*arguments, *shared)
-        return
-    if workers == LOCAL:
-        with concurrent.futures.ThreadPoolExecutor(at_once) as pool:
-            waiting: list[tuple[int, concurrent.futures.Future[Any]]] = []
-            for number, arguments in tasks:
-                waiting.append((number, pool.submit(function, *arguments, *shared)))
-                if len(waiting) == at_once:
-                    first, done = waiting.pop(0)
-                    yield first, done.result()
-            for number, done in waiting:
-                yield number, done.result()
         return
     if workers == PROCESSES:
         yield from _run_in_processes(function, tasks, shared)
