@@ -226,7 +226,8 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
                     time.sleep(0.01)
                 os.kill(os.getpid(), 9)
 
-            threading.Thread(target=kill).start()
+            # A play that fails ends the process, with its error and not by the kill.
+            threading.Thread(target=kill, daemon=True).start()
             Player(link, setup.robot).play("cablecast_test", points)
             """
         )
