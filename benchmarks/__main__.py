@@ -104,6 +104,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     ),
     "reproduce": ("reproduce", 3.0),
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),
+    "reproduce-labs": ("reproduce --quick --cables cable_1 --labs 0 1 2", 1.0),
     "paper-way": (
         "casts --rigs virtual:4 --cables cable_1 --labs 0 1 --counts 280 --methods aim "
         "paper --targets 44 --tries 2",
