@@ -60,7 +60,7 @@ def send_when_seen(broadcast, count, first=100.0):
 
 
 def wait_until_all_is_read(camera):
-    """Wait until the camera's process has slept for a while: the network has nothing more for it."""
+    """Wait until the camera's process has slept for a while: nothing more is on its way."""
     seen = ""
     while set(seen[-20:]) != {"S"} or len(seen) < 20:
         stat = pathlib.Path(f"/proc/{camera._process.pid}/stat").read_text()

@@ -180,7 +180,7 @@ def prepare_aim(
         casts = None
     elif casts is None and tuned is None and config.calibration_count:
         casts = _calibration_casts(rig, config, folder, progress)
-        tuned = learning.fit(casts, progress)
+        tuned = learning.fit(casts, folder, progress)
         # Not once the session has cast at a target: a new fit is due then where it is worth it.
         new = config.refit and all(cast.proposal is None for cast in store.casts)
         if new and (badly := follows_badly(tuned)):
@@ -220,8 +220,9 @@ def _calibration_casts(
             progress(Progress(task=task, note=DONE_NOTE))
             return made
     progress(Progress(task=task))
-    compile_for_fits()
-    threading.Thread(target=_get_ready, args=(rig.setup, config)).start()
+    if not second:
+        compile_for_fits()
+        threading.Thread(target=_get_ready, args=(rig.setup, config), daemon=True).start()
     return collect(
         rig,
         # On a rig that draws chances, the second casts have others than the first.
@@ -298,7 +299,7 @@ class _Learning:
         """Return the first model of a session: of a fit to casts, of a given one, or believed."""
         waits = tuned is None and casts is None
         if casts is not None and tuned is None:
-            tuned = self.fit(casts, progress)
+            tuned = self.fit(casts, self.folder, progress)
         elif tuned is None:
             tuned = Tuned.believed(self.setup, self.config.seed)
         return FittedModel(
@@ -308,14 +309,10 @@ class _Learning:
             waits=waits,
         )
 
-    def fit(self, casts: Dataset, progress: ProgressCallback) -> Tuned:
-        """Return the fit to the first casts."""
-        return self._fitted(casts, self.folder, progress)
-
     def __call__(self, store: CastStore, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit; see `Refitting`."""
         folder = self._fit_folder(len(store), len(store.undone))
-        tuned = self._fitted(store.dataset(), folder, progress, validation_count=0)
+        tuned = self.fit(store.dataset(), folder, progress, validation_count=0)
         policy = self._policy(tuned, folder, progress)
         return FittedModel(policy=policy, tuned=tuned, fitted_count=len(store))
 
@@ -341,13 +338,14 @@ class _Learning:
     def _fit_folder(self, count: int, undone: int) -> pathlib.Path | None:
         return self.folder and self.folder / FITS_FOLDER / f"{count:05d}-{undone:05d}"
 
-    def _fitted(
+    def fit(
         self,
         casts: Dataset,
         folder: pathlib.Path | None,
         progress: ProgressCallback,
         validation_count: int | None = None,
     ) -> Tuned:
+        """Return the fit to some casts, which the folder keeps."""
         progress(Progress(task=f"2/4 fit to {len(casts)} casts"))
         return tune(
             casts,

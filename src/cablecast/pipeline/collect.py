@@ -78,7 +78,9 @@ def collect(
     check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
     setup = rig.setup
     how = sampling or SAMPLINGS[purpose]
-    if out is None or not (pathlib.Path(out) / METRICS_FILE).is_file():
+    is_finished = out is not None and (pathlib.Path(out) / METRICS_FILE).is_file()
+    # Who has a fit has cast before.
+    if dynamics is None and not is_finished:
         found = check(setup, changes=False)
         progress(Progress(task=f"Checking {setup.cable.name}", note=found.summary))
         if how == "spread" and not found.reaches_anything:
