@@ -265,14 +265,13 @@ SMALL = 0.5
 
 
 def carries(result: Result) -> str:
-    """Return each finding of the paper beside ours, those that do not carry over first."""
+    """Return each finding that a run tells beside the paper's, what does not carry over first."""
     from benchmarks.reproduction import FINDINGS
 
     rows = []
     for finding, paper, *ours in result.table("Findings").rows:
         known = [value for value in ours if value is not None]
         if not known:
-            rows.append((np.inf, finding, show(paper), "not in this run", "", "", ""))
             continue
         held, middle = sum(value > 0.0 for value in known), float(np.median(known))
         interval = f"{middle:.1f}" + f" ({min(known):.1f} to {max(known):.1f})" * (len(known) > 1)

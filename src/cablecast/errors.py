@@ -70,6 +70,10 @@ class RigError(CablecastError, RuntimeError):
     """A rig that cannot be created, or that failed during a trial."""
 
 
+class StoppedError(RigError):
+    """A person stopped the rig: the trial is not made again by itself."""
+
+
 class CameraError(RigError):
     """A camera that cannot be opened, or that failed while it filmed."""
 

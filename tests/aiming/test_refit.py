@@ -12,6 +12,7 @@ from cablecast.cli import main
 from cablecast.errors import InputError
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.progress import DONE_NOTE, ignore
+from cablecast.tuning.tuned import load_tuned
 from casts import made_up_cast
 
 pytest.importorskip("torch")
@@ -39,12 +40,11 @@ def quick(blank_figures, monkeypatch):
     monkeypatch.setattr("cablecast.aiming.session.USUAL_DISTANCES", (0.012, 1.0))
 
 
-def prepare(rig, *, fit_all=False, out=None, progress=ignore, **changes):
+def prepare(rig, *, out=None, progress=ignore, fit_all=False, casts=None, tuned=None, **changes):
     """Return a session that is small."""
     config = cc.AimConfig(**(SMALL | {"anyway": True} | changes))
-    return cc.prepare_aim(
-        rig, config, fit_all=fit_all, simulators=QUICK, out=out, progress=progress
-    )
+    options = {"casts": casts, "tuned": tuned, "fit_all": fit_all, "out": out}
+    return cc.prepare_aim(rig, config, simulators=QUICK, progress=progress, **options)
 
 
 @pytest.fixture
@@ -208,6 +208,31 @@ def test_after_an_undo_the_casts_that_are_left_are_fitted_anew(rig, tmp_path):
     assert again.model.policy.model.fingerprint == session.model.policy.model.fingerprint
 
 
+def test_casts_that_were_taken_back_ask_for_no_new_fit(rig, tmp_path):
+    session = prepare(rig, out=tmp_path, tries=1, calibration_count=0)
+    cc.aim(session, rig, [[0.1 * k, 1.1] for k in range(5)])
+    assert "5 casts are known, and the simulator is fitted to none" in session.refit_reason
+    session.undo()
+    assert session.refit_reason == ""
+
+
+@pytest.mark.parametrize("begins", ["casts", "params", "nothing"])
+def test_a_session_that_began_without_calibration_goes_on_without(rig, tmp_path, begins):
+    casts = cc.collect(rig, count=4, out=tmp_path / "casts", progress=ignore)
+    options, count = {"calibration_count": 0}, 0
+    if begins == "casts":
+        options, count = {"casts": casts}, 4
+    elif begins == "params":
+        cc.tune(casts, config=SEARCH, out=tmp_path / "tune", progress=ignore, **COARSE)
+        options = {"tuned": load_tuned(tmp_path / "tune", SETUP)}
+    first = prepare(rig, out=tmp_path / "aim", **options)
+    again = prepare(rig, out=tmp_path / "aim")
+    for session in (first, again):
+        assert (len(session.casts), session.fitted_count) == (count, count)
+    assert again.model.policy.model.fingerprint == first.model.policy.model.fingerprint
+    assert again.model.waits == first.model.waits == (begins == "nothing")
+
+
 def test_what_was_learned_is_not_learned_again(rig, tmp_path, monkeypatch):
     session = prepare(rig, out=tmp_path, tries=1)
     cc.aim(session, rig, TARGETS)
@@ -237,7 +262,7 @@ def test_a_session_without_a_folder_is_fitted_anew_too_and_leaves_out_what_it_wa
     session.undo(4)
     session.refit()
     assert session.model.policy.model.fingerprint != before
-    assert session.fitted_count == 5
+    assert session.fitted_count == 4
     assert len(session.predictor.casts) == 4
     with pytest.raises(InputError, match="only a session that prepare_aim returned"):
         cc.AimSession(session.model.policy).refit()

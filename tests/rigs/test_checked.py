@@ -11,7 +11,7 @@ import pytest
 
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.errors import InputError, RigError, TargetError
+from cablecast.errors import InputError, RigError, StoppedError, TargetError
 from cablecast.rigs import checked as time_limit
 from cablecast.rigs.checked import CheckedRig, attempt_trial
 
@@ -370,6 +370,23 @@ class UnluckyRig(OddRig):
         luck = np.random.default_rng(self.drawn[-1]).random()
         aborted = dataclasses.replace(landing(), status=TrialStatus.ABORTED)
         return aborted if luck < 0.5 else landing()
+
+
+def test_a_trial_that_a_person_stopped_is_not_made_again(small_cast, setup):
+    class StoppedRig(OddRig):
+        resets = 0
+
+        def reset(self):
+            super().reset()
+            self.resets += 1
+
+        def execute(self, trajectory):
+            raise StoppedError("somebody pressed stop")
+
+    stopped = StoppedRig()
+    with pytest.raises(RigError, match="failed because: somebody pressed stop"):
+        attempt_trial(CheckedRig(stopped, setup), small_cast, index=0, purpose="tune")
+    assert stopped.resets == 1
 
 
 def test_a_trial_that_failed_by_chance_is_drawn_anew(small_cast, setup):

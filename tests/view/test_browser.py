@@ -187,11 +187,11 @@ def test_a_rig_that_fails_says_so_and_a_hit_offers_another_target(browser, tmp_p
         page.wait_for("Look at the plan")
         page.button("Cast").click()
         # A rig that moves something is asked for twice.
-        page.button("Yes, cast").click()
+        page.button("Yes, it may move").click()
         page.wait_for("protective stop")
         assert page.tries() == []
         page.button("Cast").click()
-        page.button("Yes, cast").click()
+        page.button("Yes, it may move").click()
         page.wait_for("Hit: ")
         page.wait_for_rest()
         # Another cast at a target that was hit could only miss it.

@@ -223,8 +223,8 @@ class AimSession:
 
     @property
     def fitted_count(self) -> int:
-        """Number of casts of the session that the simulator was fitted to."""
-        return sum(self.model.has_fitted(*row) for row in enumerate(self.store.casts))
+        """Number of casts that the simulator was fitted to, without those taken back since."""
+        return sum(self.model.has_fitted(*row) for row in self._counted())
 
     def add_casts(self, casts: Dataset) -> int:
         """Take in casts that were made for something else, and return how many are new.
@@ -414,8 +414,9 @@ class AimSession:
         """Why the simulator should be fitted to all casts now; empty where it need not be."""
         if self._refitting is None:
             return ""
-        fitted, waits = self.fitted_count, self.model.waits
-        return refit_reason(self.casts, fitted, badly=follows_badly(self.model.tuned), waits=waits)
+        casts = [cast for _, cast in self._counted()]
+        badly, waits = follows_badly(self.model.tuned), self.model.waits
+        return refit_reason(casts, self.fitted_count, badly=badly, waits=waits)
 
     def fit(self, progress: ProgressCallback = show) -> FittedModel:
         """Return the model of a fit to all casts that were not taken back, for `use`.
@@ -465,7 +466,7 @@ def refit_reason(
     """Return why the simulator should be fitted anew, in words; empty where it need not be.
 
     Args:
-        casts: All casts of a session, in the order in which they were made.
+        casts: Casts of a session that were not taken back, in the order in which they were made.
         fitted_count: Number of them that the simulator was fitted to; 0 for one that was fitted to
             none of the session's, which needs no other fit.
         badly: How far the fit is from these, see `follows_badly`.

@@ -32,6 +32,10 @@ EXIT_MISSED = 3
 # From so many targets on, a table of medians says more than one of targets.
 _MANY_TARGETS = 12
 
+# Settings that decide the model of a session, which the page needs as well.
+_MODEL_OPTIONS = ("calibration_count", "simulated_count", "epochs", "candidate_count")
+_MODEL_OPTIONS += ("seed", "device")
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Targets(TargetOptions):
@@ -44,7 +48,8 @@ class Aim(AimConfig, _Targets):
     """Cast at targets, look, correct, and cast again until they are hit.
 
     The first time, the rig makes five casts, the simulator is fitted to them, and a model learns
-    from simulated casts; that takes a few minutes on two cores. Then each target is aimed at.
+    from simulated casts; that takes a minute or two of computing. Where the simulator follows the
+    five badly, it makes five more first. Then each target is aimed at.
     Before each cast the command says where it expects the free end to land and how surely, after it
     where it landed and what changes. Once there are many more casts than the simulator was fitted
     to, it is fitted to all of them before the next target. Every cast is kept in --out: give
@@ -154,7 +159,15 @@ class Aim(AimConfig, _Targets):
             print(f"picture   {out / REPORT_FOLDER / TRIES_FILE}")
             print(f"report    {out / REPORT_FOLDER / REPORT_FILE}")
         same = {"rig": self.rig, "setup": self.setup, "cable": self.cable, "out": self.out}
-        given = "".join(f" --{name} {value}" for name, value in same.items() if value is not None)
+        same |= {name: getattr(self, name) for name in _MODEL_OPTIONS}
+        for field in dataclasses.fields(AimConfig):
+            if same.get(field.name) == field.default:
+                del same[field.name]
+        given = "".join(
+            f" --{name.replace('_', '-')} {value}"
+            for name, value in same.items()
+            if value is not None
+        )
         print(f"next      cablecast view{given}")
         print("          shows these casts and makes more; the same command with another --target")
         print("          goes on with all that they tell of the cable")

@@ -18,7 +18,7 @@ from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig, f
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
-from cablecast.errors import CablecastError, InputError, says_what_it_takes
+from cablecast.errors import SEED_MAX, CablecastError, InputError, says_what_it_takes
 from cablecast.evaluation.evaluate import (
     Evaluation,
     evaluation_metrics,
@@ -42,7 +42,7 @@ from cablecast.runs.folder import METRICS_FILE, RunFolder, plain_settings, run_f
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.setup import Setup
-from cablecast.tuning.tuned import Tuned, load_tuned
+from cablecast.tuning.tuned import PARAMS_FILE, Tuned, load_tuned
 
 CALIBRATION_FOLDER, SECOND_FOLDER = "calibration", "calibration-2"
 SESSION_FOLDER = "session"
@@ -149,7 +149,8 @@ def prepare_aim(
     """Make a few casts, fit the simulator to them, learn from it, and open a session.
 
     A fit that follows its casts badly is not learned from: as many casts are made again, and the
-    simulator is fitted to all of them, unless `AimConfig.refit` is False.
+    simulator is fitted to all of them, unless `AimConfig.refit` is False. A folder whose session
+    began with given casts, a given fit, or none of them goes on so without these.
 
     Args:
         rig: Rig that `make_rig` returned; gives the set-up.
@@ -175,10 +176,14 @@ def prepare_aim(
     learning = _Learning(rig.setup, config, simulators, folder)
     session_folder = None if folder is None else folder / SESSION_FOLDER
     store = CastStore(rig.setup, session_folder, config.within_pct)
+    if casts is not None:
+        store.add_dataset(casts)
     model = _later_model(learning, store, fit_all, progress)
-    if model is not None:
-        casts = None
-    elif casts is None and tuned is None and config.calibration_count:
+    if casts is None and tuned is None and _began_otherwise(folder):
+        tuned = _kept_fit(folder, rig.setup)
+    elif tuned is not None:
+        _keep_fit(folder, tuned)
+    elif model is None and casts is None and tuned is None and config.calibration_count:
         casts = _calibration_casts(rig, config, folder, progress)
         tuned = learning.fit(casts, folder, progress)
         # Not once the session has cast at a target: a new fit is due then where it is worth it.
@@ -198,6 +203,38 @@ def prepare_aim(
     )
     session.look(rig)
     return session
+
+
+def _began_otherwise(folder: pathlib.Path | None) -> bool:
+    """Return whether a session began without calibration casts: it goes on without them."""
+    if folder is None or (folder / CALIBRATION_FOLDER).exists():
+        return False
+    return any((folder / name).exists() for name in (TUNE_FOLDER, DATASET_FOLDER))
+
+
+def _keep_fit(folder: pathlib.Path | None, tuned: Tuned) -> None:
+    """Copy the file of a given fit, so that the session needs it no more."""
+    if folder is None or tuned.path is None or (folder / TUNE_FOLDER).exists():
+        return
+    file = tuned.path / PARAMS_FILE if tuned.path.is_dir() else tuned.path
+    (folder / TUNE_FOLDER).mkdir(parents=True)
+    write_bytes(folder / TUNE_FOLDER / PARAMS_FILE, file.read_bytes())
+
+
+def _kept_fit(folder: pathlib.Path, setup: Setup) -> Tuned | None:
+    """Return the fit that a session began with; None for the believed cable.
+
+    Raises:
+        InputError: It was stopped before it was done.
+    """
+    if not (folder / TUNE_FOLDER).exists():
+        return None
+    if not (folder / TUNE_FOLDER / PARAMS_FILE).is_file():
+        raise InputError(
+            f"{folder} was stopped while the simulator was fitted to given casts: give the same "
+            "casts again"
+        )
+    return load_tuned(folder / TUNE_FOLDER, setup)
 
 
 def _calibration_casts(
@@ -229,7 +266,7 @@ def _calibration_casts(
         purpose="real" if second else "tune",
         count=count,
         sampling="spread",
-        seed=config.seed + second,
+        seed=(config.seed + second) % (SEED_MAX + 1),
         dynamics=None if tuned is None else tuned.dynamics,
         out=path,
         progress=progress,
@@ -329,8 +366,10 @@ class _Learning:
 
     def newest_fit(self) -> tuple[int, int] | None:
         """Return the casts, and those of them taken back, of the newest finished later fit."""
+        if self.folder is None:
+            return None
         finished = f"{FITS_FOLDER}/*/{MODEL_FOLDER}/{METRICS_FILE}"
-        names = [file.parts[-3] for file in (self.folder or pathlib.Path()).glob(finished)]
+        names = [file.parts[-3] for file in self.folder.glob(finished)]
         # Casts are only ever added and taken back, so more of either came later.
         counts = [tuple(int(count) for count in name.split("-")) for name in names]
         return max(((count, undone) for count, undone in counts), default=None)

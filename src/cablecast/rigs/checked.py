@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from cablecast.arm.base import Arm
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.errors import CablecastError, RigError, check_count, check_number
+from cablecast.errors import CablecastError, RigError, StoppedError, check_count, check_number
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import Rig, RigLifecycle, error_line, foreign_code, purpose_seed
 from cablecast.setup import Setup
@@ -237,7 +237,7 @@ def takes(function: Callable[..., Any], *values: object) -> bool:
 
 
 class TrialFailedError(RigError):
-    """A trial failed as often as it was to be tried; the message begins with `failed`."""
+    """A trial failed for good; the message begins with `failed`."""
 
 
 def seek_trial(rig: Rig, index: int, purpose: str) -> None:
@@ -263,7 +263,7 @@ def attempt_trial(
         The track, and the number of failures before it.
 
     Raises:
-        TrialFailedError: All attempts failed.
+        TrialFailedError: All attempts failed, or a person stopped one.
     """
     reason = ""
     for failures in range(count):
@@ -275,6 +275,8 @@ def attempt_trial(
             if track.status is not TrialStatus.ABORTED:
                 return track, failures
             reason = " ".join(track.note.split()) or "the rig reported it as aborted"
+        except StoppedError as error:
+            raise TrialFailedError(f"failed because: {error}") from error
         # A rig is foreign code: whatever it raises, the trial has failed.
         except Exception as error:
             reason = str(error) if isinstance(error, RigError) else error_line(error)

@@ -350,7 +350,7 @@ class Page:
         desk, worker = self.desk, self.worker
         status = gui.add_markdown("")
         make = gui.add_button("Get ready", color="blue", icon="wand")
-        make.on_click(lambda _: self.prepare())
+        make.on_click(lambda _: self._confirm(gui, self.prepare))
         cast = gui.add_button("Cast", color="blue", icon="player-play-filled")
         cast.on_click(lambda _: self._confirm(gui, self.cast))
         correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
@@ -425,7 +425,7 @@ class Page:
             return
         with gui.add_modal("The arm will move") as modal:
             gui.add_markdown("Is everybody out of its reach, and the emergency stop at hand?")
-            yes = gui.add_button("Yes, cast", color="red")
+            yes = gui.add_button("Yes, it may move", color="red")
             no = gui.add_button("No")
         no.on_click(lambda _: modal.close())
 
@@ -753,7 +753,8 @@ def serve(
     try:
         if ready is not None:
             ready(page.address)
-        if (folder / SESSION_FOLDER).exists():
+        # A real arm may have casts to make, and moves at a click alone.
+        if (folder / SESSION_FOLDER).exists() and not page.rig_is_real:
             page.prepare()
         worker.run()
     finally:

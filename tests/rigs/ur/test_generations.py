@@ -111,6 +111,8 @@ def test_a_program_that_hangs_is_ended_with_and_without_a_dashboard(twin):
         while process.admin.state()["program"] != "hang":
             assert time.monotonic() < deadline
             time.sleep(0.01)
+        with pytest.raises(RigError, match="another program runs on the controller"):
+            check_ready(link, setup.robot)
         link.stop_program()
         while process.admin.state()["program"]:
             assert time.monotonic() < deadline
@@ -142,6 +144,33 @@ def test_a_controller_of_an_unknown_version_is_refused_in_one_line(
     thread.join()
     server.close()
     assert "\n" not in str(error.value)
+
+
+def test_a_program_reaches_a_controller_that_speaks_first(twin, monkeypatch):
+    _, _, setup = twin
+    link = UrLink(setup.robot)
+    server = socket.create_server((setup.robot.address, 0))
+    monkeypatch.setattr("cablecast.rigs.ur.link.PROGRAM_PORT", server.getsockname()[1])
+    text, got = "# a program\n" * 2000, []
+
+    def serve():
+        connection, _ = server.accept()
+        with connection:
+            connection.settimeout(10.0)
+            connection.sendall(bytes(107))
+            time.sleep(0.05)
+            connection.sendall(bytes(1000))
+            time.sleep(0.05)
+            while len(b"".join(got)) < len(text):
+                got.append(connection.recv(1 << 16))
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    link.send_program(text)
+    thread.join()
+    link.close()
+    server.close()
+    assert b"".join(got).decode() == text
 
 
 def _robot():
@@ -205,4 +234,6 @@ def test_an_arm_gets_no_controller_of_another_series():
         TwinConfig(generation="polyscope-x").generation_of("ur5")
     with pytest.raises(InputError, match="unknown generation 'cb2'"):
         TwinConfig(generation="cb2")
+    for model in ("ur5e", "ur20"):
+        assert TwinConfig().generation_of(model) == "e-series"
     assert set(FAULTS) - set(faults_of("cb3")) == {"local_control"}

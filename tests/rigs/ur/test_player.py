@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from cablecast.errors import RigError
+from cablecast.errors import RigError, StoppedError
 from cablecast.motion.polar import reset_pose
 from cablecast.rigs.ur.link import Phase, UrLink, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, Player
@@ -111,6 +111,7 @@ def test_an_e_series_reports_at_500_hz_and_stops_as_soon(make_twin):
         ("protective_stop", RigError, "protective stop: look what the arm touched"),
         ("emergency_stop", RigError, "emergency stop: find out why"),
         ("speed_slider", CastAbortedError, "the speed fell to 50 %"),
+        ("program_stopped", StoppedError, "somebody stopped or paused the program"),
         ("controller_dies", RigError, "has been silent|broke"),
         ("network_lost", RigError, "has been silent"),
     ],

@@ -243,6 +243,9 @@ def test_a_rig_without_robot_or_with_an_arm_that_nobody_measured_is_refused(twin
     arm = dataclasses.replace(setup.arm, measured=False)
     with pytest.raises(InputError, match="is not measured"):
         RigUR(dataclasses.replace(setup, arm=arm), camera)
+    robot = dataclasses.replace(setup.robot, address="192.0.2.1", silence_max=60.0)
+    with pytest.raises(InputError, match=r"silence_max = 60 s is for a twin"):
+        RigUR(dataclasses.replace(setup, robot=robot), camera)
 
 
 def test_a_motion_without_joints_is_refused(twin, wild):

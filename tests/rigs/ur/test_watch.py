@@ -1,5 +1,6 @@
 """Nothing moves on a controller that is not ready, and a motion that goes wrong is stopped."""
 
+import dataclasses
 import re
 from types import SimpleNamespace
 
@@ -7,10 +8,10 @@ import numpy as np
 import pytest
 
 from cablecast.arm.robot import RobotConfig
-from cablecast.errors import RigError
-from cablecast.rigs.ur.link import Report, check_ready
+from cablecast.errors import RigError, StoppedError
+from cablecast.rigs.ur.link import Report, check_arm, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, Player
-from cablecast.rigs.ur.program import JointCurve, ProgramState
+from cablecast.rigs.ur.program import JointCurve, ProgramState, motion_program
 from cablecast.rigs.ur.rtde import NUMBER
 
 ROBOT = RobotConfig(
@@ -48,6 +49,7 @@ def report(time=0.0, **changes):
 
 def ready(version=(3, 15, 8), remote="true", **changes):
     answers = {"is in remote control": remote} if (5, 6) <= version < (10,) else {}
+    changes = {"is_playing": False} | changes
     link = SimpleNamespace(
         wait_for_report=lambda: report(**changes), ask=answers.__getitem__, version=version
     )
@@ -72,6 +74,7 @@ def test_a_controller_that_is_ready_is_taken():
         ({"safety_bits": 1 << 9}, "fault: read the pendant's log"),
         ({"safety_bits": 1 << 1}, "not in its normal mode"),
         ({"robot_mode": 3}, "in mode 3, not running"),
+        ({"is_playing": True}, "another program runs on the controller"),
         ({"version": (5, 12, 6), "remote": "false"}, "in local control"),
         ({"speed_scaling": 0.5}, "at 50 %: set it to 100 %"),
         ({"payload": 0.89}, "payload on the controller is 0.89 kg"),
@@ -88,8 +91,8 @@ class ScriptedLink:
 
     is_alive = True
 
-    def __init__(self, fault):
-        self.fault = fault
+    def __init__(self, fault, is_paused=False):
+        self.fault, self.is_paused = fault, is_paused
         self.number = 0
         self.reports = [report(is_playing=False, state=ProgramState.NONE)]
         self.commands = []
@@ -120,7 +123,11 @@ class ScriptedLink:
 
     def ask_to_stop(self, number):
         self.commands.append(("stop", number))
-        self.reports.append(report(1e3, is_playing=False))
+        state = self.reports[-1].state if self.is_paused else ProgramState.STOPPED
+        self.reports.append(report(1e3, is_playing=False, state=state))
+
+    def stop_program(self):
+        self.commands.append("stop program")
 
 
 def play(link):
@@ -137,6 +144,40 @@ def interrupt(tick):
     raise KeyboardInterrupt
 
 
+def test_a_program_that_a_person_paused_cannot_go_on():
+    link = ScriptedLink(lambda tick: {"is_playing": False}, is_paused=True)
+    with pytest.raises(StoppedError, match="paused"):
+        play(link)
+    assert link.commands[-1] == "stop program"
+
+
+@pytest.mark.parametrize(
+    ("version", "model", "fits"),
+    [
+        ((3, 15, 8), "ur5", True),
+        ((5, 12, 6), "ur5e", True),
+        ((5, 12, 6), "ur20", True),
+        ((10, 7, 0), "ur5e", True),
+        ((3, 15, 8), "ur5e", False),
+        ((5, 12, 6), "ur5", False),
+    ],
+)
+def test_an_arm_that_its_controller_cannot_move_is_refused(version, model, fits):
+    if fits:
+        check_arm(version, model)
+        return
+    with pytest.raises(RigError, match=f"describes a {model}, and the controller runs version"):
+        check_arm(version, model)
+
+
+@pytest.mark.parametrize(("watchdog", "hold"), [(0.04, 300), (0.2, 300), (1.0, 1100)])
+def test_an_arm_whose_computer_died_before_the_motion_does_not_begin_it(watchdog, hold):
+    robot = dataclasses.replace(ROBOT, watchdog=watchdog)
+    program = motion_program("cast", CURVE, robot, 1)
+    assert f"while held < {hold}:" in program
+    assert hold > 1000 * watchdog
+
+
 def stuck(tick):
     return {"tick": 8 * FAULT_TICK, "state": ProgramState.MOVING}
 
@@ -149,8 +190,8 @@ def stuck(tick):
         (lambda tick: {"speed_scaling": 0.9}, CastAbortedError, "the speed fell to 90 %"),
         (
             lambda tick: {"is_playing": False},
-            CastAbortedError,
-            "stopped the program",
+            StoppedError,
+            "somebody stopped or paused the program",
         ),
         (lambda tick: {"state": ProgramState.SILENCE}, CastAbortedError, "heard nothing of this"),
         (lambda tick: {"state": ProgramState.STOPPED}, CastAbortedError, "motion was stopped"),

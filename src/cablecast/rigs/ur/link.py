@@ -22,6 +22,7 @@ from cablecast.errors import RigError
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
 from cablecast.rigs.ur.rtde import (
     CB3,
+    CB3_MODELS,
     E_SERIES,
     PHASE,
     POLYSCOPE_X,
@@ -36,6 +37,12 @@ _CONNECT_TIME_MAX = 3.0
 _AGENT_TIME_MAX = 20.0
 _ANSWER_TIME_MAX = 10.0
 _ALIVE_PERIOD = 0.05
+_GREETING_SIZE, _GREETING_TIME_MAX = 79, 0.3
+"""The port for programs speaks first: bytes that a sender has to read, or its program may be
+discarded (Script Manual, Connecting to URControl); and the longest wait for them, during which the
+heart beats on [s]."""
+_PLAYING_TIME_MAX = 0.5
+"""Longest time for which our last program may still count as running [s]."""
 _REPORT_COUNT_MAX = 100_000
 _BEATS_PER_WATCHDOG = 10
 
@@ -120,6 +127,7 @@ class UrLink:
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
         self._alive_said = 0.0
         self._dashboard: socket.socket | None = None
+        self._sender: socket.socket | None = None
         with _reach(robot.address, RTDE_PORT, "RTDE") as connection:
             self.version = _read_version(connection, robot.address)
         _reach(robot.address, PROGRAM_PORT, "program").close()
@@ -241,11 +249,22 @@ class UrLink:
         Raises:
             RigError: The controller does not take it.
         """
+        self._hang_up_sender()
         try:
             place = (self.robot.address, PROGRAM_PORT)
-            with socket.create_connection(place, _CONNECT_TIME_MAX) as connection:
-                connection.sendall(text.encode())
+            connection = socket.create_connection(place, _CONNECT_TIME_MAX)
+            self._sender = connection
+            connection.settimeout(_GREETING_TIME_MAX)
+            heard = 0
+            with contextlib.suppress(TimeoutError):
+                while heard < _GREETING_SIZE and (data := connection.recv(4096)):
+                    heard += len(data)
+            connection.settimeout(_CONNECT_TIME_MAX)
+            connection.sendall(text.encode())
+            # Closed with something unread, it would take the program along.
+            threading.Thread(target=_read_on, args=(connection,), daemon=True).start()
         except OSError as error:
+            self._hang_up_sender()
             raise RigError(
                 f"the controller at {self.robot.address} takes no program: {error}"
             ) from None
@@ -293,10 +312,19 @@ class UrLink:
             self._dashboard.close()
             self._dashboard = None
 
+    def _hang_up_sender(self) -> None:
+        if self._sender is not None:
+            # What reads on holds it open otherwise.
+            with contextlib.suppress(OSError):
+                self._sender.shutdown(socket.SHUT_RDWR)
+            self._sender.close()
+            self._sender = None
+
     def close(self) -> None:
         """Let go of the controller; it may be called twice."""
         self.rest()
         self._hang_up()
+        self._hang_up_sender()
         with contextlib.suppress(OSError, ValueError):
             if self._process.stdin is not None:
                 self._process.stdin.close()
@@ -343,6 +371,14 @@ def _reach(address: str, port: int, name: str) -> socket.socket:
             f"no {name} server answers at {address}:{port} ({error.strerror or error}): look "
             "whether the controller has power, is in the same network, and its services are on"
         ) from None
+
+
+def _read_on(connection: socket.socket) -> None:
+    """Read what nobody wants to know, until the connection is closed."""
+    with contextlib.suppress(OSError):
+        connection.settimeout(None)
+        while connection.recv(1 << 16):
+            pass
 
 
 def _read_line(connection: socket.socket) -> str:
@@ -418,13 +454,38 @@ def check_safe(report: Report) -> None:
         )
 
 
+def check_arm(version: Version, model: str) -> None:
+    """Refuse an arm that cannot belong to the controller: it would move to other places.
+
+    Args:
+        version: Version of the controller's software.
+        model: Model of the arm in the lab file.
+
+    Raises:
+        RigError: It cannot.
+    """
+    if (version[0] == CB3) != (model in CB3_MODELS):
+        known = f"a CB3 moves {', '.join(CB3_MODELS)}" if version[0] == CB3 else "no CB3"
+        raise RigError(
+            f"the lab file describes a {model}, and the controller runs version "
+            f"{'.'.join(map(str, version))}: {known}. Set arm model to that of your arm, and "
+            "measure its five values"
+        )
+
+
 def check_ready(link: UrLink, robot: RobotConfig) -> Report:
     """Refuse to move unless the controller is ready for it, and return its newest report.
 
     Raises:
         RigError: It is not; says what a person has to do.
     """
-    report = link.wait_for_report()
+    deadline = time.monotonic() + _PLAYING_TIME_MAX
+    while (report := link.wait_for_report()).is_playing:
+        if time.monotonic() > deadline:
+            raise RigError(
+                "another program runs on the controller, and a cast would replace it: stop it on "
+                "the pendant. The same command resumes"
+            )
     check_report(report, robot)
     # RTDE tells all the rest; of PolyScope X nobody tells it.
     if _REMOTE_CONTROL_SINCE <= link.version < (POLYSCOPE_X, 0, 0):

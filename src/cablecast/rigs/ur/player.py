@@ -8,9 +8,16 @@ import time
 import numpy as np
 
 from cablecast.arm.robot import RobotConfig
-from cablecast.errors import CablecastError, RigError
+from cablecast.errors import CablecastError, RigError, StoppedError
 from cablecast.rigs.ur.link import SPEED_TOLERANCE, Report, UrLink, check_safe
-from cablecast.rigs.ur.program import HOLD_TIME, TICK_DT, JointCurve, ProgramState, motion_program
+from cablecast.rigs.ur.program import (
+    TICK_DT,
+    UNDER_WAY,
+    JointCurve,
+    ProgramState,
+    hold_time,
+    motion_program,
+)
 
 REST_SPEED = 0.02
 """Joint speed below which the arm rests, encoder noise included [rad/s]."""
@@ -62,7 +69,8 @@ class Player:
             curve: Path, which has been checked; the arm stands at its start.
 
         Raises:
-            CastAbortedError: The motion was slowed, lagged, or was stopped by somebody.
+            CastAbortedError: The motion was slowed, or lagged.
+            StoppedError: Somebody stopped or paused it.
             RigError: The arm stopped for safety, or the controller is silent.
         """
         link = self.link
@@ -84,7 +92,7 @@ class Player:
             self._wait_for_start(number, len(program))
             reports = self._watch(first, number)
             done = True
-            return MotionRecord(_start_time(reports), reports)
+            return MotionRecord(_start_time(reports, hold_time(self.robot)), reports)
         finally:
             link.rest()
             if not done:
@@ -103,7 +111,9 @@ class Player:
         deadline = time.monotonic() + _STOP_TIME_MAX
         while link.is_alive and time.monotonic() < deadline:
             report = link.reports[-1]
-            if np.abs(report.qd).max() < REST_SPEED and not report.is_playing:
+            rests = np.abs(report.qd).max() < REST_SPEED and not report.is_playing
+            # One that is paused would go on as soon as somebody presses play.
+            if rests and report.state not in UNDER_WAY:
                 return
             time.sleep(_POLL)
         # The program ends itself for want of a heartbeat; this is for one that does not.
@@ -171,7 +181,10 @@ class Player:
         if report.state == ProgramState.STOPPED:
             raise CastAbortedError("the motion was stopped")
         if not report.is_playing and report.state != ProgramState.DONE:
-            raise CastAbortedError("somebody stopped the program at the pendant")
+            raise StoppedError(
+                "somebody stopped or paused the program, or took remote control away: look why, "
+                "and make sure that the arm may move. The same command resumes"
+            )
 
 
 def _check_pace(report: Report, start: float) -> None:
@@ -186,11 +199,11 @@ def _check_pace(report: Report, start: float) -> None:
         )
 
 
-def _start_time(reports: list[Report]) -> float:
+def _start_time(reports: list[Report], hold: float) -> float:
     """Return when the motion began by the controller's clock [s]."""
     starts = [
         r.time - r.tick * TICK_DT for r in reports if r.state == ProgramState.MOVING and r.tick
     ]
     if not starts:
-        raise CastAbortedError(f"no report came from the motion after its hold of {HOLD_TIME:g} s")
+        raise CastAbortedError(f"no report came from the motion after its hold of {hold:g} s")
     return float(np.median(starts))

@@ -196,8 +196,9 @@ def check_path(curve: JointCurve, setup: Setup, what: str) -> None:
 
 STOP_DECELERATION = 15.0
 """Deceleration of all joints when the program stops early [rad/s²]."""
-HOLD_TIME = 0.3
-"""Time for which the arm holds its place before a motion [s]."""
+HOLD_TIME, _HOLD_MARGIN = 0.3, 0.1
+"""Shortest time for which the arm holds its place before a motion, and by how much that is longer
+than the watchdog's: an arm whose computer has died meanwhile does not begin to move [s]."""
 
 
 class ProgramState(enum.IntEnum):
@@ -210,6 +211,9 @@ class ProgramState(enum.IntEnum):
     STOPPED = 4
     SILENCE = 5
 
+
+UNDER_WAY = (ProgramState.HOLDING, ProgramState.MOVING)
+"""States of a program that has not ended by itself."""
 
 _PROGRAM = """\
 def {name}():
@@ -274,6 +278,11 @@ _ANGLES = ", ".join(
 )
 
 
+def hold_time(robot: RobotConfig) -> float:
+    """Return the time for which the arm holds its place before a motion [s]."""
+    return max(HOLD_TIME, robot.watchdog + _HOLD_MARGIN)
+
+
 def motion_program(name: str, curve: JointCurve, robot: RobotConfig, number: int) -> str:
     """Return the program of one motion, in URScript.
 
@@ -306,7 +315,7 @@ def motion_program(name: str, curve: JointCurve, robot: RobotConfig, number: int
         robot=robot,
         states=ProgramState,
         angles=f"[{_ANGLES}]",
-        hold=round(1000 * HOLD_TIME),
+        hold=round(1000 * hold_time(robot)),
         pieces="\n".join(pieces),
     )
     if len(text) > PROGRAM_SIZE_MAX:

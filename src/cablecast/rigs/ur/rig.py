@@ -16,9 +16,16 @@ from cablecast.errors import CablecastError, InputError, JointLimitError, RigErr
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
-from cablecast.rigs.ur.link import Phase, Report, UrLink, check_ready, check_report
+from cablecast.rigs.ur.link import (
+    Phase,
+    Report,
+    UrLink,
+    check_arm,
+    check_ready,
+    check_report,
+)
 from cablecast.rigs.ur.player import CastAbortedError, MotionRecord, Player
-from cablecast.rigs.ur.program import JointCurve, check_path, joint_move
+from cablecast.rigs.ur.program import UNDER_WAY, JointCurve, check_path, joint_move
 from cablecast.setup import Setup
 from cablecast.vision.trials import TrialCamera, TrialTiming
 
@@ -40,6 +47,9 @@ REHEARSAL_SLOWNESS, REHEARSAL_COUNT = 4, 3
 STRAIGHT_ASIDE, STRAIGHT_AHEAD = 0.03, 0.95
 """Largest distance aside of an endpoint after a reset [share of the cable's length], and smallest
 ahead [share]."""
+
+_SILENCE_MAX = 2.0
+"""Longest `silence_max` of a real arm [s]."""
 
 TURN_SPEED = 0.8
 """Largest speed of a joint that turns the jaws into the camera's sight [rad/s]."""
@@ -165,7 +175,9 @@ class RigUR(RigLifecycle):
         try:
             if self._link is not None:
                 link, self._link = self._link, None
-                if link.is_alive and link.latest().is_playing:
+                newest = link.latest() if link.is_alive else None
+                # A program that is not ours goes on.
+                if newest is not None and newest.is_playing and newest.state in UNDER_WAY:
                     Player(link, self.robot).stop()
                 with contextlib.suppress(RigError):
                     link.set_phase(Phase.IDLE)
@@ -190,7 +202,13 @@ class RigUR(RigLifecycle):
             lost, self._link = self._link, None
             lost.close()
         if self._link is None:
-            self._link = UrLink(self.robot)
+            link = UrLink(self.robot)
+            try:
+                check_arm(link.version, self.setup.arm.model)
+            except BaseException:
+                link.close()
+                raise
+            self._link = link
         return self._link
 
     def _reset_once(self) -> None:
@@ -251,7 +269,11 @@ class RigUR(RigLifecycle):
                 check_path(way, self.setup, "the turn of the jaws")
             except JointLimitError:
                 return False
-            self._play("cablecast_look", way, Phase.READOUT)
+            try:
+                self._play("cablecast_look", way, Phase.READOUT)
+            except CastAbortedError:
+                # The cast was made, and is kept.
+                return False
             q = self._at_rest(link)
         return camera.holds_cable(q, link.latest().time) is False
 
@@ -281,7 +303,8 @@ def check_lab(setup: Setup) -> RobotConfig:
     """Return the robot of a lab file, if it may be driven.
 
     Raises:
-        InputError: There is no robot, it is no UR, or its arm was not measured.
+        InputError: There is no robot, it is no UR, its arm was not measured, or nobody would notice
+            in time that its controller is silent.
     """
     if not isinstance(setup.arm, ArmUR):
         raise InputError(
@@ -293,6 +316,11 @@ def check_lab(setup: Setup) -> RobotConfig:
         raise InputError(
             "the arm of the lab file is not measured: a motion for another geometry drives the "
             "fingers into the table. Measure its five values, and set measured: true"
+        )
+    if setup.robot.silence_max > _SILENCE_MAX and not setup.robot.is_loopback:
+        raise InputError(
+            f"robot silence_max = {setup.robot.silence_max:g} s is for a twin: a real arm would "
+            f"move unwatched. Leave it out of the lab file, or set it to {_SILENCE_MAX:g} s at most"
         )
     return setup.robot
 

@@ -18,6 +18,8 @@ REGISTER_COUNT = 48
 Version = tuple[int, int, int]
 CB3, E_SERIES, POLYSCOPE_X = 3, 5, 10
 """Generations of controllers, by the major version of their software."""
+CB3_MODELS = ("ur3", "ur5", "ur10")
+"""Arms of the first of them; the others move all that came later."""
 BEAT, STOP, PHASE = 0, 1, 2
 """Input registers, counted from the robot's `input_register`: a number that this computer changes
 as long as all is well; number of the program that shall stop; a `Phase`, what the rig is doing."""
@@ -161,15 +163,23 @@ class RtdeClient:
         self._connection = socket.create_connection((address, RTDE_PORT), _ANSWER_TIME_MAX)
         self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._reader = FrameReader()
-        self._ask(REQUEST_PROTOCOL_VERSION, struct.pack(">H", 2))
+        if self._ask(REQUEST_PROTOCOL_VERSION, struct.pack(">H", 2)) != b"\x01":
+            raise RigError("the controller does not speak version 2 of RTDE: update its software")
+        version = read_version(self._connection, self._reader)
         self._inputs = Recipe.of_answer(names, self._ask(SETUP_INPUTS, ",".join(names).encode()))
+        if "NOT_FOUND" in self._inputs.types:
+            raise RigError(
+                f"a controller of version {'.'.join(map(str, version))} has no input registers "
+                f"{first} to {first + 2}: update its software (those from 24 on came with 3.9 and "
+                "5.3), or set robot input_register in the lab file to 21 or less"
+            )
         if not self._inputs.is_valid:
             raise RigError(
                 f"input registers {first} to {first + 2} of the controller are written by a "
                 "fieldbus or another program: end it, or set robot input_register in the lab file "
-                "to the first of three that are free, from 24 to 45"
+                "to the first of three that are free, from 24 to 45. After a lost network it may "
+                "be our own connection, which the controller drops within a minute"
             )
-        version = read_version(self._connection, self._reader)
         names = tuple(outputs(version))
         rate = struct.pack(">d", 125.0 if version[0] == CB3 else 500.0)
         answer = self._ask(SETUP_OUTPUTS, rate + ",".join(names).encode())
@@ -177,7 +187,8 @@ class RtdeClient:
         if not self._outputs.is_valid:
             unknown = [n for n, t in zip(names, self._outputs.types, strict=True) if t not in TYPES]
             raise RigError(f"the controller does not report {', '.join(unknown)}")
-        self._ask(START)
+        if self._ask(START) != b"\x01":
+            raise RigError("the controller does not start its reports: look at the pendant's log")
         self._connection.settimeout(None)
 
     def _ask(self, kind: int, payload: bytes = b"") -> bytes:

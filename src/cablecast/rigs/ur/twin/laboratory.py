@@ -22,14 +22,17 @@ from cablecast.motion.polar import reset_pose
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
 from cablecast.rigs.ur.link import Phase
 from cablecast.rigs.ur.program import ProgramState
-from cablecast.rigs.ur.rtde import PHASE, RTDE_PORT, STATE
+from cablecast.rigs.ur.rtde import CB3_MODELS, PHASE, RTDE_PORT, STATE
 from cablecast.rigs.ur.twin.controller import GENERATIONS, MODE_POWER_OFF, Controller
 from cablecast.rigs.ur.twin.servers import (
     DASHBOARD_GREETING,
+    STATE_PERIOD,
     Client,
     RtdeServer,
     Servers,
     dashboard_answer,
+    robot_state,
+    version_message,
 )
 from cablecast.rigs.ur.twin.urscript import PROGRAM_SIZE_MAX
 from cablecast.rigs.virtual.camera_stream import CameraStream
@@ -106,9 +109,9 @@ class TwinConfig:
         Raises:
             InputError: There is no such arm with that generation's controller.
         """
-        is_e_series = model.endswith("e")
-        generation = self.generation or ("e-series" if is_e_series else "cb3")
-        if is_e_series == (generation == "cb3"):
+        is_cb3 = model in CB3_MODELS
+        generation = self.generation or ("cb3" if is_cb3 else "e-series")
+        if is_cb3 != (generation == "cb3"):
             raise InputError(f"there is no {model} with a controller of generation {generation}")
         return generation
 
@@ -123,6 +126,7 @@ FAULTS: dict[str, str] = {
     "network_lost": "nothing passes between computer and controller for 5 s",
     "controller_dies": "controller without power",
     "controller_restarts": "controller without power for 1 s, then up again",
+    "program_stopped": "somebody presses stop on the pendant",
     "local_control": "the pendant is switched to local control",
     "dashboard_slow": "each answer of the dashboard takes 3 s",
     "dashboard_off": "the dashboard's service is switched off",
@@ -215,7 +219,7 @@ class TwinLaboratory:
         self._answer_time = 0.0
         self._answers: collections.deque[tuple[float, Client, str]] = collections.deque()
         self._restart_at: float | None = None
-        self._next_picture = 0.0
+        self._next_picture = self._next_state = 0.0
         self._heard_at = time.monotonic()
         self.camera = self._make_camera()
         self._grip = setup.arm.grip_pose(self.controller.arm.q)
@@ -273,6 +277,10 @@ class TwinLaboratory:
                 self._serve(client, data)
             self._held.clear()
             self.rtde.publish(self.servers.of("rtde"))
+            if controller.time >= self._next_state:
+                self._next_state = controller.time + STATE_PERIOD
+                for client in self.servers.of("program"):
+                    client.send(robot_state(controller))
         self._show_camera()
 
     def close(self) -> None:
@@ -296,6 +304,7 @@ class TwinLaboratory:
             self._answer(client, DASHBOARD_GREETING)
         elif client.kind == "program":
             self._senders.append(client)
+            client.send(version_message(self.controller) + robot_state(self.controller))
         client.state.update(text=b"", at=0.0)
 
     def _received(self, client: Client, data: bytes) -> None:
@@ -435,6 +444,8 @@ class TwinLaboratory:
             controller.speed_slider = 0.5
         elif name == "wrong_payload":
             controller.payload = 0.0
+        elif name == "program_stopped":
+            controller.stop_program("the pendant")
         elif name == "local_control":
             controller.is_in_remote_control = False
             controller.stop_program("local control")

@@ -411,6 +411,34 @@ def _names(text: bytes) -> tuple[str, ...]:
     return tuple(name for name in text.decode("ascii").split(",") if name)
 
 
+_ROBOT_STATE, _ROBOT_MESSAGE, _VERSION_MESSAGE, _MODE_DATA = 16, 20, 3, 0
+STATE_PERIOD = 0.1
+"""Time between two states that the program port sends [s]."""
+
+
+def _message(kind: int, body: bytes) -> bytes:
+    return struct.pack(">IB", 5 + len(body), kind) + body
+
+
+def version_message(controller: Controller) -> bytes:
+    """Return what the program port says first (Universal Robots, Client Interfaces)."""
+    major, minor, bugfix, build = controller.generation.version
+    name, date = b"URControl", b"01-01-2022, 00:00:00"
+    body = struct.pack(">QbbB", round(1e6 * controller.time), -2, _VERSION_MESSAGE, len(name))
+    body += name + struct.pack(">BBii", major, minor, bugfix, build) + date
+    return _message(_ROBOT_MESSAGE, body)
+
+
+def robot_state(controller: Controller) -> bytes:
+    """Return what the program port says ten times a second, its modes alone (the same source)."""
+    c, powered = controller, controller.robot_mode == MODE_RUNNING
+    stops = (c.safety_mode == SAFETY_EMERGENCY, c.safety_mode == SAFETY_PROTECTIVE)
+    flags = (True, powered, powered, *stops, c.is_running_program, False)
+    body = struct.pack(">Q7?BB", round(1e6 * c.time), *flags, c.robot_mode, 0)
+    body += struct.pack(">3dB", c.speed_slider, float(powered), 1.0, 0)
+    return _message(_ROBOT_STATE, _message(_MODE_DATA, body))
+
+
 DASHBOARD_GREETING = "Connected: Universal Robots Dashboard Server"
 _SAFETY_WORDS = {
     SAFETY_NORMAL: "NORMAL",
