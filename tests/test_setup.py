@@ -1,7 +1,9 @@
 import dataclasses
+import json
 import pathlib
 import re
 
+import numpy as np
 import pytest
 import yaml
 
@@ -11,6 +13,7 @@ from cablecast.cable import load_cable, save_cable
 from cablecast.camera.settings import CameraSettings
 from cablecast.camera.tags import default_layout
 from cablecast.errors import InputError, UnknownNameError
+from cablecast.runs.folder import plain_settings
 from cablecast.setup import MotionConfig, Setup, load_setup, save_setup, update_lab_file
 from cablecast.workspace import Workspace
 
@@ -292,3 +295,22 @@ def test_what_the_file_does_not_say_follows_from_arm_table_and_cable():
     # What the file says stays.
     stated = Setup.from_dict({"arm": {"model": "ur10e"}, "workspace": {"r_max": 1.0}})
     assert (stated.workspace.r_max, stated.workspace.reset_y) == (1.0, pytest.approx(0.63))
+
+
+def test_whole_numbers_and_those_of_numpy_are_the_same_settings(tmp_path):
+    plain = Setup.from_dict({"workspace": {"table_width": 2.0}, "arm": {"base_yaw_deg": 0.0}})
+    whole = Setup.from_dict({"workspace": {"table_width": 2}, "arm": {"base_yaw_deg": 0}})
+    assert json.dumps(plain.to_settings()) == json.dumps(whole.to_settings())
+    save_setup(Setup().with_motion(v_max=np.float64(1.2)), tmp_path / "lab.yaml")
+    assert load_setup(tmp_path / "lab.yaml").motion.v_max == 1.2
+    assert plain_settings({"seed": np.int64(3), "share": np.float32(0.5)}) == {
+        "seed": 3,
+        "share": 0.5,
+    }
+
+
+def test_the_reset_lies_on_a_table_that_begins_far_from_the_base():
+    setup = Setup.from_dict({"workspace": {"table_near_y": 0.7}})
+    assert setup.workspace.reset_y == 0.7
+    with pytest.raises(InputError, match=r"reset_y = 0\.6 m lies before the table's near edge"):
+        Setup.from_dict({"workspace": {"table_near_y": 0.7, "reset_y": 0.6}})

@@ -123,11 +123,20 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str = "")
 def check_ranges(owner: Any, ranges: Ranges, what: str = "") -> None:
     """Check attributes of an object against their bounds; the error names the object.
 
+    A whole number in place of a float, or one of NumPy's, becomes a plain float: equal settings
+    have one fingerprint.
+
     Raises:
         InputError: An attribute is no number, not finite, or outside its bounds.
     """
+    kinds: dict[str, Any] = {}
+    for base in type(owner).__mro__:
+        kinds = vars(base).get("__annotations__", {}) | kinds
     for name, (low, high, unit) in ranges.items():
-        check_number(f"{what} {name}".strip(), getattr(owner, name), low, high, unit)
+        value = getattr(owner, name)
+        number = check_number(f"{what} {name}".strip(), value, low, high, unit)
+        if kinds.get(name) is float and type(value) is not float:
+            object.__setattr__(owner, name, number)
 
 
 def check_count(name: str, value: Any, low: int = 1, high: int = COUNT_MAX) -> int:

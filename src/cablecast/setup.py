@@ -146,7 +146,12 @@ class Setup:
             object.__setattr__(self, name, part)
         workspace = self.workspace
         end = workspace.reset_y + cable.length
-        if end > workspace.y_max or workspace.reset_y < workspace.y_min:
+        if workspace.reset_y < workspace.y_min:
+            raise InputError(
+                f"workspace reset_y = {workspace.reset_y:g} m lies before the table's near edge at "
+                f"y = {workspace.y_min:g} m: the gripper would lay the cable down beside the table"
+            )
+        if end > workspace.y_max:
             raise InputError(
                 f"after a reset the cable lies from y = {workspace.reset_y:g} to {end:g} m, beyond "
                 f"the table's edge: the table reaches from {workspace.y_min:g} to "
@@ -259,7 +264,7 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
         r_max = {"r_max": known.r_max, **found, **given}["r_max"]
         far = known.y_max - cable.length - _LYING_MARGIN
         near = max(known.y_min, _RESET_NEAREST * r_max)
-        ahead = min(_RESET_SHARE * r_max, max(far, near))
+        ahead = min(max(_RESET_SHARE * r_max, known.y_min), max(far, near))
         found["reset_y"] = math.floor(100 * ahead + 1e-6) / 100
     return Workspace.from_dict({**found, **given})
 

@@ -55,3 +55,8 @@ def test_each_model_has_the_speeds_of_its_manual_unless_they_are_given(model, ve
     assert given.position == (3.0,) * 6
     assert given.velocity == limits.velocity
     assert ArmUR.from_dict(ArmUR(model=model).to_dict()).limits == limits
+
+
+def test_limits_in_degrees_are_beyond_their_bounds():
+    with pytest.raises(InputError, match=r"arm position limit = 360 rad is outside \[0\.001, 30\]"):
+        dataclasses.replace(ur_limits(), position=(360.0,) * 6)

@@ -254,6 +254,7 @@ HANGING = (
         (chain(), {"tip": "hand"}, "has no frame 'hand' for the tip; it has base, link1"),
         (chain(), {"tip": "base"}, "no joint of .* moves the tip"),
         (chain(), {"base_joint": "waist"}, "no joint 'waist' moves the tip"),
+        (chain(limit=LIMIT + '<mimic joint="joint2"/>'), {}, "'joint3' of .* with another one"),
         (chain(kind="prismatic"), {}, "joint 'joint3' of .* slides"),
         (chain(base_axis="0 0.3 1"), {}, "base axis, joint 'joint1' .* tilted by 16.7 deg"),
         (HANGING, {"tip": "link1"}, "the base of .* hangs"),
@@ -306,3 +307,53 @@ def test_an_arm_never_folds_into_itself_where_it_holds_the_grip():
     for pair, gap in self_gaps(thick, thick.inverse(poses)).items():
         # Between the nodes of the table it may be a little less.
         assert gap.min() > -2e-3 or gap.max() < 0.0, pair
+
+
+def mjcf_chain(more="", gear=1.0):
+    """Return an MJCF of an arm of six joints with motors of 20 Nm behind a gear, and more."""
+    bodies = "".join(
+        f'<body name="link{k}" pos="0.2 0 0.1"><joint name="j{k}" axis="0 {k > 1:d} {k == 1:d}" '
+        'range="-3 3"/><geom type="sphere" size="0.05" mass="2"/>'
+        for k in range(1, 7)
+    )
+    motors = "".join(
+        f'<motor joint="j{k}" gear="{gear}" forcelimited="true" forcerange="-20 20"/>'
+        for k in range(1, 7)
+    )
+    return (
+        '<mujoco><compiler angle="radian"/><worldbody>'
+        f"{bodies}{'</body>' * 6}</worldbody>{more}<actuator>{motors}</actuator></mujoco>"
+    )
+
+
+def test_torques_are_those_of_motors_at_the_joints_behind_their_gears(tmp_path):
+    tendon = '<tendon><fixed name="fingers"><joint joint="j6" coef="1"/></fixed></tendon>'
+    finger = '<motor tendon="fingers" forcelimited="true" forcerange="-1000 1000"/></actuator>'
+    texts = {
+        "plain": mjcf_chain(),
+        "fingers": mjcf_chain(tendon).replace("</actuator>", finger),
+        "geared": mjcf_chain(gear=100.0),
+    }
+    found = {}
+    for name, text in texts.items():
+        (tmp_path / "arm.xml").write_text(text)
+        words = {"file": "arm.xml", "tip": "link6", "limits": {"velocity": [3.0] * 6}}
+        found[name] = arm_from_dict(words, tmp_path).limits.acceleration
+    assert found["fingers"] == found["plain"]
+    assert found["geared"][0] > 2 * found["plain"][0]
+
+
+def test_a_mesh_that_is_missing_costs_no_other_shape(tmp_path):
+    shape = '<collision><geometry><cylinder radius="0.12" length="0.1"/></geometry></collision>'
+    mesh = '<collision><geometry><mesh filename="package://x/none.stl"/></geometry></collision>'
+    text = chain()
+    for number in range(1, 7):
+        found = mesh if number == 6 else shape
+        text = text.replace(
+            f'<link name="link{number}"/>', f'<link name="link{number}">{found}</link>'
+        )
+    assert text.count("cylinder") == 5
+    (tmp_path / "arm.urdf").write_text(text)
+    arm = arm_from_dict({"file": "arm.urdf", "tip": "link6"}, tmp_path)
+    radii = [capsule[-1] for capsule in arm.capsules]
+    assert min(radii[:5]) > 0.1

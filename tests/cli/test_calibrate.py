@@ -83,6 +83,16 @@ def test_touched_tags_become_the_place_of_the_robot_in_the_lab_file(lab, touched
     assert "# a guess" in lab.read_text()
 
 
+def test_touches_with_the_tip_of_another_tool_are_refused(lab, touched, tmp_path, capsys):
+    rows = [f"{i},{x:.5f},{y:.5f},{z + 0.1:.5f}" for i, (x, y, z) in touched.items()]
+    (tmp_path / "touched.csv").write_text("\n".join(["tag,x_m,y_m,z_m", *rows]))
+    words = ["calibrate", "table", "--setup", str(lab), "--touched", str(tmp_path / "touched.csv")]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "the touches put the base 0.083 m above the table, and the lab file 0.150 m" in said
+    assert lab.read_text() == LAB
+
+
 def test_touched_points_may_be_typed_as_the_pendant_shows_them(lab, touched, monkeypatch, capsys):
     lines = []
     for tag_id, point in touched.items():

@@ -1,6 +1,7 @@
 """`cablecast track` on a rendered video."""
 
 import csv
+import dataclasses
 import json
 import pathlib
 
@@ -89,6 +90,20 @@ def test_a_stored_calibration_takes_the_place_of_the_tags(folder, tmp_path, caps
     assert "ok: " in capsys.readouterr().out
     first, again = (rows(f / "track.csv") for f in (folder / "out", tmp_path / "again"))
     assert first == again
+
+
+def test_the_camera_of_a_lab_file_tells_what_no_option_says(film, folder, tmp_path):
+    layout = film.camera.layout
+    moved = [dataclasses.replace(tag, x=tag.x + 0.03) for tag in layout.tags]
+    dataclasses.replace(layout, tags=tuple(moved)).save(tmp_path / "moved.yaml")
+    camera = "camera: {source: 0, width: 1920, height: 1080, tags: moved.yaml}\n"
+    (tmp_path / "lab.yaml").write_text(camera)
+    words = ["--setup", str(tmp_path / "lab.yaml"), "--out", str(tmp_path / "out"), "--end", "0.2"]
+    assert main(["track", str(folder / "trial.mp4"), *words, "--start", f"{START:.4f}"]) == 0
+    here, there = (rows(f / "track.csv") for f in (tmp_path / "out", folder / "out"))
+    assert [row["time_s"] for row in here] == [row["time_s"] for row in there[:3]]
+    shifts = [float(a["x_m"]) - float(b["x_m"]) for a, b in zip(here, there, strict=False)]
+    np.testing.assert_allclose(shifts, 0.03, atol=1e-3)
 
 
 def test_slow_motion_that_the_phone_names_is_asked_about(folder, tmp_path, capsys):

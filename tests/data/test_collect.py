@@ -1,3 +1,4 @@
+import dataclasses
 import errno
 import json
 import signal
@@ -10,7 +11,7 @@ import stick_rig
 from stick_rig import CABLE, COUNT, NOISE, SERVO_DELAY, SETUP, ManyStickRig, StickRig, collect
 
 import cablecast
-from cablecast.cast import TrialStatus
+from cablecast.cast import ControllerLog, TrialStatus
 from cablecast.data import record as record_module
 from cablecast.data import writer
 from cablecast.data.dataset import read_dataset
@@ -319,3 +320,22 @@ def test_a_collection_goes_on_after_an_update_of_the_package(tmp_path, monkeypat
     # What the user has changed is another matter.
     with pytest.raises(DatasetError, match=r"motion.control_dt is 0.008 there and 0.01 here"):
         collect(tmp_path / "d", setup=SETUP.with_motion(control_dt=0.01))
+
+
+class LoggingRig(StickRig):
+    """Reports what its controller said in every other trial."""
+
+    def execute(self, trajectory):
+        track = super().execute(trajectory)
+        if self.executed[-1] % 2:
+            return track
+        path = track.joint_path
+        ones = np.ones(len(path.times))
+        log = ControllerLog(times=path.times, target_q=path.q, speed_scaling=ones, safety_bits=ones)
+        return dataclasses.replace(track, controller_log=log)
+
+
+def test_some_trials_may_have_a_log_and_others_none(tmp_path):
+    collect(tmp_path / "d", LoggingRig())
+    logs = [read_dataset(tmp_path / "d").controller_log(row) for row in range(COUNT)]
+    assert [log is not None for log in logs] == [row % 2 == 0 for row in range(COUNT)]

@@ -258,3 +258,45 @@ def test_a_time_without_an_end_does_not_hide_what_follows(tmp_path):
     (one,) = read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP, lines.append)
     assert len(one.times) == len(rows) - 1
     assert "row 4 (time 100000 s" in lines[0]
+
+
+def test_joints_and_looks_of_two_files_may_follow_each_other(casts, tmp_path):
+    rows = table_of(casts, "joints")
+    joints = [{k: v for k, v in row.items() if k not in ("x_m", "y_m")} for row in rows]
+    joints = [row for row in joints if "q1_rad" in row]
+    looks = [{k: v for k, v in row.items() if "_rad" not in k} for row in rows if "x_m" in row]
+    said = []
+    table = write_table(joints + looks, tmp_path / "two.csv")
+    first, *_ = read_recordings(table, SETUP, report=said.append)
+    assert len(first.times) == len(casts.track(0).times)
+    assert first.times[0] == 0.0
+    assert not any("cannot be used" in line for line in said)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda row: row.update(x_m=row.get("y_m"), y_m=row.get("x_m")), "m from the grip, and"),
+        (lambda row: row.update(q1_rad=row.get("q1_rad", 0.0) + np.pi / 2), "is base_yaw_deg that"),
+        (lambda row: row.update(q7_rad=0.0), "q7_rad, and the arm of the lab file 6 joints"),
+    ],
+    ids=["axes swapped", "base turned", "a joint more"],
+)
+def test_an_end_that_the_cable_does_not_reach_from_the_grip_is_refused(
+    casts, tmp_path, change, words
+):
+    rows = table_of(casts, "joints")
+    for row in rows:
+        change(row)
+    with pytest.raises(InputError, match=words):
+        read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP)
+
+
+def test_columns_that_are_nearly_known_are_named_and_absurd_actions_refused(casts, tmp_path):
+    said = []
+    rows = [row | {"grip_yaw_deg": 3.0} for row in table_of(casts, "action")]
+    read_recordings(write_table(rows, tmp_path / "a.csv"), SETUP, report=said.append)
+    assert any("nothing is read of the columns grip_yaw_deg" in line for line in said)
+    rows = [row | {"theta1_rad": -40.0} for row in rows_with(lambda t: 0.2)]
+    with pytest.raises(InputError, match="theta1"):
+        read_recordings(write_table(rows, tmp_path / "b.csv"), SETUP)

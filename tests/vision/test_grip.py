@@ -77,3 +77,10 @@ def test_nothing_is_said_of_a_cable_that_looks_like_the_table(virtual_camera):
     assert held(virtual_camera, bare, OPEN, (x, y), yaw) is None
     nowhere = dataclasses.replace(virtual_camera.view, position=(0.0, 1.0, 0.05))
     assert turned_into_sight(HIDDEN, ARM, nowhere) is None
+
+
+def test_nothing_is_said_where_the_jaws_stood_beside_the_picture(virtual_camera, before):
+    view = virtual_camera.view
+    x, y, z = view.position
+    aside = dataclasses.replace(view, position=(x, y + 1.2, z))
+    assert is_held((before, before), np.array([START, OPEN]), ARM, aside) is None

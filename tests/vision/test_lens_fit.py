@@ -1,6 +1,7 @@
 """Lenses from a board: determined by the pictures, or refused with those that are missing."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ pytest.importorskip("cv2")
 from cablecast.camera.lens import CameraView, Lens
 from cablecast.camera.tags import default_layout
 from cablecast.errors import InputError
+from cablecast.pipeline.camera import _gather_boards
 from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.rigs.virtual.config import CameraConfig
+from cablecast.runs.progress import ignore
 from cablecast.vision.calibration import Board, calibrate_lens, fit_lens
 from cablecast.vision.tags import load_cv2
 
@@ -140,3 +143,16 @@ def test_a_board_of_another_family_is_named():
         calibrate_lens(pictures, BOARD)
     with pytest.raises(InputError, match="1 of 1 pictures show the board"):
         calibrate_lens(pictures, board)
+
+
+def test_a_board_is_taken_only_while_it_is_held_still():
+    camera = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))
+    down = np.diag([1.0, -1.0, -1.0])
+    first, second, third = (
+        SimpleNamespace(image=camera.board_frame(BOARD, down, [x, 0.75, 0.8], 0))
+        for x in (-0.3, 0.0, 0.3)
+    )
+    moving = _gather_boards([first, second, third, second], BOARD, 3, ignore)
+    assert moving == []
+    held = _gather_boards([first, first, second, third, third, third], BOARD, 3, ignore)
+    assert [image is first.image for image in held] == [True, False]

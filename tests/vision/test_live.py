@@ -126,6 +126,16 @@ def test_while_a_trial_is_filmed_every_frame_waits_until_there_is_no_room(broadc
         assert camera.dropped_count == 2 * SLOT_COUNT
 
 
+def test_one_bad_time_stamp_costs_one_frame(broadcast, monkeypatch):
+    with LiveCamera(CameraSettings(source=broadcast.url)) as camera:
+        reports = iter([{"slot": 0, "time": t, "arrival": t} for t in (10.0, 110.0, 10.05, 10.07)])
+        monkeypatch.setattr(camera, "_report", lambda timeout: next(reports))
+        assert [camera.read().time for _ in range(2)] == [10.0, 110.0]
+        with pytest.raises(CameraError, match=r"10\.050000 s follows 110\.000000 s"):
+            camera.read()
+        assert camera.read().time == 10.07
+
+
 def test_a_camera_that_is_unplugged_or_silent_is_an_error_that_says_so(broadcast):
     with LiveCamera(CameraSettings(source=broadcast.url)) as camera:
         with pytest.raises(CameraError, match=r"no frame for 0\.2 s: is it still plugged in"):

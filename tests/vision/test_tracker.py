@@ -10,6 +10,7 @@ pytest.importorskip("cv2")
 from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
+from cablecast.camera.lens import CameraView, Lens
 from cablecast.cast import TrialStatus
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
@@ -17,6 +18,7 @@ from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.config import CameraConfig, LightConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.vision.calibration import Calibration
+from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import (
     EndpointTracker,
     MarkerConfig,
@@ -426,3 +428,67 @@ def test_the_camera_knows_the_green_things_that_lie_on_the_table(virtual_camera,
     # One that has seen nothing knows of none.
     fresh = EndpointTracker(calibration.view, virtual_camera.workspace)
     assert sight_of(fresh).blind == ()
+
+
+WIDE = Lens(
+    width=1920,
+    height=1080,
+    focal=(1150.0, 1150.0),
+    centre=(959.5, 539.5),
+    distortion=(-0.2, 0.02, 0.0, 0.0, 0.0),
+)
+
+
+def looking(position, lens):
+    """Return a camera at a place that looks at the middle of the table."""
+    forward = np.array([0.0, 0.75, 0.0]) - position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(forward, right), forward])
+    rotation = tuple(map(tuple, axes))
+    return CameraView(lens=lens, rotation=rotation, position=tuple(np.asarray(position, float)))
+
+
+def painted(view, xy, marker):
+    """Return a picture of a table with a marker along x, and nothing else."""
+    cv2, fine = load_cv2(), 4
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 12)
+    end = marker.width / 2 * np.column_stack([np.cos(turn), np.sin(turn)])
+    end[:, 0] += (marker.length - marker.width) / 2
+    outline = np.concatenate([end, -end]) + xy
+    pixels = view.to_image(np.column_stack([outline, np.full(len(outline), CABLE.radius)]))
+    height, width = view.lens.height, view.lens.width
+    low = np.floor(pixels.min(axis=0)).astype(int) - 8
+    size = np.ceil(pixels.max(axis=0)).astype(int) + 8 - low
+    patch = np.zeros((fine * size[1], fine * size[0]), np.float32)
+    corners = np.round((pixels - low + 0.5) * fine - 0.5).astype(np.int32)
+    cv2.fillPoly(patch, [corners], 1.0)
+    patch = cv2.GaussianBlur(cv2.resize(patch, size, interpolation=cv2.INTER_AREA), (0, 0), 0.8)
+    noise = np.random.default_rng(7).integers(0, 5, (height, width, 3))
+    image = np.full((height, width, 3), 200.0)
+    part = image[low[1] : low[1] + size[1], low[0] : low[0] + size[0]]
+    part += patch[..., None] * (np.array([40.0, 180.0, 40.0]) - part)
+    return (image + noise).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("view", "end"),
+    [
+        (looking([0.16, 0.75, 1.8], Lens.from_view(1920, 1080, np.radians(78))), (-1.0, 0.6)),
+        (looking([1.04, 0.75, 1.8], Lens.from_view(1920, 1080, np.radians(78))), (-1.0, 0.6)),
+        (looking([0.0, 0.09, 1.8], Lens.from_view(1920, 1080, np.radians(78))), (0.3, 1.0)),
+        (looking([0.0, 0.749, 1.7], WIDE), (1.15, 1.3)),
+    ],
+    ids=["5 degrees off", "30 degrees off", "from the robot's side", "wide lens"],
+)
+def test_a_marker_may_look_smaller_where_it_lands(view, end):
+    start = np.array([0.0, 1.2])
+    tracker = EndpointTracker(view, Workspace(), TrackerConfig(exposure_max=1e-3), start)
+    for frame in range(30):
+        share = min(max((frame - 2) / 20, 0.0), 1.0)
+        xy = start + share**2 * (3 - 2 * share) * (np.array(end) - start)
+        image = painted(view, xy, tracker.config.marker)
+        found = tracker.update(frame / 60, lambda w, i=image: i[w[1] : w[3], w[0] : w[2]])
+        assert np.linalg.norm(found - xy) < 1e-3
+    assert tracker.track().status is TrialStatus.OK

@@ -1,6 +1,7 @@
 """The camera of a lab file: trials over the network against the truth, and every fault."""
 
 import dataclasses
+import itertools
 import pathlib
 import re
 
@@ -21,6 +22,7 @@ from cablecast.rigs.virtual.camera_stream import MOVED_TAG, CameraStream
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
+from cablecast.vision import trials
 from cablecast.vision.tracker import EndpointTracker
 from cablecast.vision.trials import CameraOfTrials, TrialCamera
 from cablecast.vision.video import read_video
@@ -178,6 +180,26 @@ def test_a_camera_that_fails_before_a_trial_says_what_to_do(camera, player, stre
     finally:
         stream.fault(None)
     camera.check(player.time)
+
+
+@pytest.mark.parametrize(
+    ("moves", "words"),
+    [
+        (lambda tags, count: tags | {99: next(iter(tags.values())) + 50.0 * count}, ""),
+        (lambda tags, count: {i: tag + 2.0 * (count > 1) for i, tag in tags.items()}, "was moved"),
+    ],
+)
+def test_a_tag_beside_the_table_may_move_and_the_camera_may_not(
+    setup, player, monkeypatch, moves, words
+):
+    found, counts = trials.detect_tags, itertools.count(1)
+    monkeypatch.setattr(trials, "detect_tags", lambda *args: moves(found(*args), next(counts)))
+    with CameraOfTrials(setup) as camera:
+        if not words:
+            camera.check()
+            return
+        with pytest.raises(CameraError, match=rf"the camera {words}: .* 2\.\d px from where"):
+            camera.check()
 
 
 def test_a_film_that_cannot_begin_is_forgotten(camera, player, stream):

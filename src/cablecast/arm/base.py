@@ -27,6 +27,15 @@ class LimitKind(enum.Enum):
     ACCELERATION = "rad/s²"
 
 
+_LIMIT_BOUNDS = {
+    "position": (30.0, "rad"),
+    "middle": (30.0, "rad"),
+    "velocity": (40.0, "rad/s"),
+    "acceleration": (1000.0, "rad/s²"),
+}
+"""Largest limits that a joint may have, and their units: degrees are beyond them."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class JointLimits:
     """Limits of the joints, one value per joint.
@@ -52,9 +61,10 @@ class JointLimits:
                 raise InputError(
                     f"arm {field.name} limits {str(values)[:60]} must be one number per joint"
                 )
-            low = -100.0 if field.name == "middle" else 1e-3
+            high, unit = _LIMIT_BOUNDS[field.name]
+            low = -high if field.name == "middle" else 1e-3
             for value in values:
-                check_number(f"arm {field.name} limit", value, low, 1e3)
+                check_number(f"arm {field.name} limit", value, low, high, unit)
 
     def to_dict(self) -> dict[str, list[float]]:
         """Return plain values for a config or YAML file."""

@@ -116,6 +116,8 @@ def _read(path: pathlib.Path) -> tuple[Any, dict[str, tuple[str, float | None]]]
         limit = joint.find("limit")
         speed = None if limit is None else limit.get("velocity")
         kind = joint.get("type", "") if limit is not None else joint.get("type", "") + " unlimited"
+        if joint.find("mimic") is not None:
+            kind = "mimic"
         try:
             joints[joint.get("name")] = (kind, None if speed is None else float(speed))
         except ValueError:
@@ -220,7 +222,20 @@ def _compiled(spec: Any, where: str) -> Any:
     try:
         return spec.compile()
     except ValueError:
-        # Without the meshes, which may lie elsewhere, the chain is still known.
+        # Without the meshes that lie elsewhere, the chain and the other shapes are still known.
+        folder = pathlib.Path(spec.modelfiledir or ".")
+        places = (folder / spec.meshdir, folder)
+        missing = [
+            mesh
+            for mesh in spec.meshes
+            if not any((place / mesh.file).is_file() for place in places)
+        ]
+        names = {mesh.name for mesh in missing}
+        for row in [*(geom for geom in spec.geoms if geom.meshname in names), *missing]:
+            spec.delete(row)
+    try:
+        return spec.compile()
+    except ValueError:
         for rows in (spec.geoms, spec.meshes, spec.textures, spec.materials):
             for row in list(rows):
                 spec.delete(row)
@@ -323,6 +338,11 @@ def _limits(
     for at, joint in enumerate(joints):
         low[at], high[at] = model.jnt_range[joint]
         kind, _ = stated.get(names[at], ("", None))
+        if kind == "mimic":
+            raise InputError(
+                f"joint {names[at]!r} of {where} moves with another one (mimic): from the base "
+                "joint to the tip each must move by itself"
+            )
         if not model.jnt_limited[joint]:
             low[at], high[at] = -_RANGE_FREE, _RANGE_FREE
         if "position" not in given and (kind == "revolute unlimited" or low[at] >= high[at]):
@@ -360,9 +380,11 @@ def _accelerations(
     for at, joint in enumerate(joints):
         if model.jnt_actfrclimited[joint]:
             torque[at] = model.jnt_actfrcrange[joint, 1]
-        for actuator in np.flatnonzero(model.actuator_trnid[:, 0] == joint):
+        drives = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+        for actuator in np.flatnonzero(drives & (model.actuator_trnid[:, 0] == joint)):
             if model.actuator_forcelimited[actuator]:
-                torque[at] = model.actuator_forcerange[actuator, 1]
+                gear = abs(model.actuator_gear[actuator, 0])
+                torque[at] = gear * model.actuator_forcerange[actuator, 1]
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     mass, rng = np.zeros((model.nv, model.nv)), np.random.default_rng(0)
     found = np.empty((_POSE_COUNT, len(dofs)))

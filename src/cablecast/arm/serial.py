@@ -65,8 +65,8 @@ _PART = 4096
 class ArmSerial(Arm):
     """A serial arm of hinges, described by its chain.
 
-    `ArmSerial` is made from a URDF or MJCF file by `cablecast.arm.description.read_arm`, and keeps
-    the numbers that it needs from there. The x axis of the file points along y of the base frame
+    `arm_from_dict` makes it from a URDF or MJCF file, and it keeps the numbers that it needs from
+    there. The x axis of the file points along y of the base frame
     where base_yaw_deg is 0, and z = 0 of the file is `base_height` above the table.
 
     Attributes:

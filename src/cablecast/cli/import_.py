@@ -14,7 +14,7 @@ class Import:
     """Make a dataset to tune with from a table of casts that were recorded elsewhere.
 
     A row of the table (CSV or Parquet) is one moment of one cast: cast, time_s, x_m and y_m of the
-    cable's end, and the motion as q1_rad to q6_rad, as grip_x_m and grip_y_m, or as an action.
+    cable's end, and the motion as q1_rad, q2_rad, ..., as grip_x_m and grip_y_m, or as an action.
     Cells are empty where something was not measured. With --points, TABLE is a take of OptiTrack
     Motive or Vicon as they export it, or a folder of takes, one cast each. Takes seconds.
     docs/data.md explains every column.

@@ -26,14 +26,15 @@ class Track:
         pathlib.Path | None, argument("FILE", "computed from the tags in the video")
     ] = None
     """Calibration of the same camera at the same place (calibration.json of an earlier run)."""
-    tags: Annotated[pathlib.Path | None, argument("FILE", "11 tags along the table's edges")] = None
+    tags: Annotated[pathlib.Path | None, argument("FILE", "those of --setup")] = None
     """YAML file with the places of the tags on the table; not with --calibration."""
-    board: Annotated[pathlib.Path | None, argument("DIR", "the lens is fitted to the tags")] = None
-    """Folder of pictures of a calibration board, to fit the lens; not with --calibration."""
-    view_deg: Annotated[float, argument("DEG")] = 78.0
-    """Angle of view over the image's diagonal [deg], without --calibration and --board."""
+    board: Annotated[pathlib.Path | None, argument("DIR", "lens of --setup, or by the tags")] = None
+    """Folder of pictures of the default calibration board, to fit the lens; not with --calibration.
+    Other boards: `cablecast calibrate lens`, and --setup."""
+    view_deg: Annotated[float | None, argument("DEG", "that of --setup, or 78")] = None
+    """Angle of view over the image's diagonal [deg], where nothing else gives the lens."""
     setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
-    """Lab file that describes cable and table."""
+    """Lab file that describes cable and table, and the camera if it has that section."""
     cable: Annotated[str | None, argument("CABLE", "that of --setup, or cable_1")] = None
     """Cable in the video, which gives the height of the marker and the start of the endpoint."""
     begin: Annotated[
@@ -47,7 +48,12 @@ class Track:
     of the track, in place of --start, and the arm's way tells whether the film's rate is true."""
     rate: Annotated[float | None, argument("1/S", "as many as it is stored with")] = None
     """Frames per second with which the video was taken, for slow motion [1/s]."""
-    marker: Annotated[tuple[float, float], argument("LENGTH WIDTH")] = (0.038, 0.016)
+    end: Annotated[float | None, argument("S", "the end of the video")] = None
+    """Time of the last frame that counts, after the start of the motion [s]: before a hand or the
+    robot picks the cable up."""
+    marker: Annotated[
+        tuple[float, float] | None, argument("LENGTH WIDTH", "that of --setup, or 0.038 0.016")
+    ] = None
     """Size of the marker along and across the cable [m]."""
     marker_hue: Annotated[float | None, argument("DEG", "that of --setup, or 122, green")] = None
     """Hue of the marker: 0 is red, 120 green, 240 blue [deg]. `camera check --pick` measures it. A

@@ -360,7 +360,7 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
             f"{path / INFO_PATH} is damaged: its fingerprint is not that of the rows"
         )
     try:
-        table = pa.concat_tables(tables)
+        table = pa.concat_tables(tables, promote_options="default")
     except pa.ArrowException as error:
         raise DatasetError(f"shards of {path} differ in their columns: {error}") from None
 

@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.base import Arm
+from cablecast.cable import Cable
 from cablecast.cast import TrialStatus
 from cablecast.data.mocap import MocapNames
 from cablecast.errors import COUNT_MAX, InputError
 from cablecast.files import read_bytes, read_csv
+from cablecast.motion.action import Action
 from cablecast.rigs.checked import JOINT_ANGLE_MAX
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
@@ -32,6 +34,8 @@ _JOINT = re.compile(r"q\d+_rad")
 GRIP_COLUMNS = ("grip_x_m", "grip_y_m")
 GRIP_OPTIONS = ("grip_z_m", "grip_yaw_rad")
 ACTION_COLUMNS = ("theta1_rad", "theta2_rad", "r2_m", "psi_rad")
+_LIKE_OURS = ("grip_", "theta1", "theta2", "r2", "psi")
+"""Beginnings of names that only a slip keeps from being known columns."""
 
 TABLE_SIZE_MAX = 2**31
 
@@ -48,6 +52,8 @@ _GAP_MAX = 0.25
 # Joints that differ by less have not moved [rad].
 _STILL = 0.01
 _UNSOUND_MAX = 0.2
+# Cables stretch, and markers are seen a little off [m].
+_REACH_SLACK = 0.05
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -99,8 +105,8 @@ def read_recordings(
 
     Args:
         path: CSV or Parquet file with the columns `cast`, `time_s`, `x_m` and `y_m`, and with the
-            joints (`q1_rad` to `q6_rad`), the grip (`grip_x_m`, `grip_y_m`, and where it is known
-            `grip_z_m`, `grip_yaw_rad`) or the action (`theta1_rad`, `theta2_rad`, `r2_m`,
+            joints (`q1_rad`, `q2_rad`, ...), the grip (`grip_x_m`, `grip_y_m`, and where they are
+            known `grip_z_m`, `grip_yaw_rad`) or the action (`theta1_rad`, `theta2_rad`, `r2_m`,
             `psi_rad`).
         setup: Set-up of the casts; gives the table, and the height of a grip without one.
         report: Told in one line what of a cast is left out, and why.
@@ -116,7 +122,7 @@ def read_recordings(
     """
     path = pathlib.Path(path)
     if mocap is None:
-        names, columns = _read_table(path, joint_columns(setup.arm))
+        names, columns = _read_table(path, joint_columns(setup.arm), report)
     else:
         names, columns = mocap.table(path, setup.workspace)
     groups: dict[str, list[int]] = {}
@@ -145,6 +151,7 @@ def _sound(
     where: str, columns: dict[str, Array], rows: NDArray[np.int64], report: Callable[[str], None]
 ) -> dict[str, Array]:
     """Return the sound rows of a cast, and report the others by their numbers from 1."""
+    columns, rows = _interleaved(columns, rows)
     times = columns[TIME_COLUMN]
     why = [""] * len(times)
     for name, values in columns.items():
@@ -184,6 +191,23 @@ def _sound(
     return found
 
 
+def _interleaved(
+    columns: dict[str, Array], rows: NDArray[np.int64]
+) -> tuple[dict[str, Array], NDArray[np.int64]]:
+    """Return rows by their time where these are two logs, one after the other."""
+    times = columns[TIME_COLUMN]
+    kinds = np.array([np.isfinite(v) for name, v in columns.items() if name != TIME_COLUMN])
+    kinds = np.unique(kinds, axis=1, return_inverse=True)[1].ravel()
+    parts = [times[kinds == kind] for kind in np.unique(kinds)]
+    # A log with cells that are empty now and then is no other log.
+    if len(parts) != 2 or np.isnan(times).any() or np.all(np.diff(times) >= 0.0):
+        return columns, rows
+    if any(np.any(np.diff(part) < 0.0) for part in parts):
+        return columns, rows
+    order = np.argsort(times, kind="stable")
+    return {name: values[order] for name, values in columns.items()}, rows[order]
+
+
 def _leap(values: Array) -> Array:
     """Return how far each value but the first and last is from between its neighbours."""
     before, here, after = values[:-2], values[1:-1], values[2:]
@@ -220,7 +244,9 @@ def file_digest(path: pathlib.Path) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def _read_table(path: pathlib.Path, joints: tuple[str, ...]) -> tuple[list[str], dict[str, Array]]:
+def _read_table(
+    path: pathlib.Path, joints: tuple[str, ...], report: Callable[[str], None]
+) -> tuple[list[str], dict[str, Array]]:
     """Return the name of each row's cast, and the known columns; NaN where a cell is empty."""
     required = (CAST_COLUMN, TIME_COLUMN, *TRACK_COLUMNS)
     if path.suffix.lower() in (".parquet", ".pq"):
@@ -232,6 +258,13 @@ def _read_table(path: pathlib.Path, joints: tuple[str, ...]) -> tuple[list[str],
     if count > COUNT_MAX:
         raise InputError(f"{path} has {count} rows, more than {COUNT_MAX}")
     known = (TIME_COLUMN, *TRACK_COLUMNS, *joints, *GRIP_COLUMNS, *GRIP_OPTIONS)
+    if more := [name for name in table if _JOINT.fullmatch(name) and name not in joints]:
+        raise InputError(
+            f"{path} has the column {more[0]}, and the arm of the lab file {len(joints)} joints"
+        )
+    meant = [c for c in table if c.startswith(_LIKE_OURS) and c not in (*known, *ACTION_COLUMNS)]
+    if meant:
+        report(f"{path}: nothing is read of the columns {', '.join(meant)[:200]}")
     columns = {
         name: _numbers(path, name, table[name])
         for name in (*known, *ACTION_COLUMNS)
@@ -314,9 +347,15 @@ def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -
     if ACTION_COLUMNS[0] in columns:
         stated = np.stack([columns[column] for column in ACTION_COLUMNS], axis=-1)
         stated = stated[np.all(np.isfinite(stated), axis=1)]
-        action = stated[0] if len(stated) else action
+        if len(stated):
+            action = Action.from_array(stated[0]).to_array()
     if q is None and poses is None and not np.all(np.isfinite(action)):
         raise InputError(f"{where}: there are neither joints, nor a grip, nor an action")
+    if poses is not None and grip_times is not None:
+        _check_reach(where, times[seen], xy[seen], grip_times, poses, setup.cable)
+    elif q is not None and joint_times is not None:
+        poses_of_joints = setup.arm.grip_pose(q)
+        _check_reach(where, times[seen], xy[seen], joint_times, poses_of_joints, setup.cable)
     return Recording(
         name=name,
         times=times[looks],
@@ -328,6 +367,25 @@ def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -
         grip_poses=poses,
         action=action,
     )
+
+
+def _check_reach(
+    where: str, times: Array, xy: Array, grip_times: Array, poses: Array, cable: Cable
+) -> None:
+    """Refuse an endpoint that is too far from the grip for the cable between them.
+
+    Raises:
+        InputError: It is, in more than a fifth of the looks.
+    """
+    grip = np.stack([np.interp(times, grip_times, poses[:, axis]) for axis in (0, 1)], axis=-1)
+    far = np.linalg.norm(xy - grip, axis=1)
+    length = cable.length + cable.attachment_length
+    if np.mean(far > length + _REACH_SLACK) > _UNSOUND_MAX:
+        raise InputError(
+            f"{where}: the endpoint is up to {far.max():.2f} m from the grip, and the cable is "
+            f"{length:.2f} m long: are both in metres and in one frame (docs/conventions.md), and "
+            "is base_yaw_deg that of the arm?"
+        )
 
 
 def _group(

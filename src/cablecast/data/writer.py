@@ -192,7 +192,7 @@ class DatasetWriter:
             table, digest = read_shard(file, self.rows_of(shard), self._settings_fingerprint)
             tables.append(table)
             digests.append(digest)
-        table = pa.concat_tables(tables)
+        table = pa.concat_tables(tables, promote_options="default")
         stats = _statistics(table)
         counts = {
             entry["values"]: entry["counts"]

@@ -334,6 +334,9 @@ class _Casts:
             )
             xy[feasible] = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
             status[feasible] = columns["status"]
+            if self.task.off_table == "fail":
+                # No rig sees where a cable would lie beyond the table's edge.
+                xy[status != TrialStatus.OK.code] = np.nan
         else:
             motions = [plan_trajectory(Action.from_array(row), setup) for row in actions[feasible]]
             tracks = run_trials(self.rig, motions)  # pyright: ignore[reportArgumentType]

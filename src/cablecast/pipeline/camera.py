@@ -43,8 +43,11 @@ AXIS_OFFSET_MAX = 0.01
 """Distance of the robot's axis from the table's middle line that is not worth a word [m]."""
 
 _CALIBRATION_FRAMES = 8
-_BOARD_MOVE = 0.08
-"""Way of a board between two pictures of it, as a share of the image's width."""
+_BOARD_MOVE, _BOARD_STILL = 0.08, 1.0
+"""Way of a board between two pictures of it, as a share of the image's width; and longest way of a
+corner from one frame to the next of a board that is held still [px]."""
+_HEIGHT_OFF_MAX = 0.05
+"""Largest difference of the base's height from that of the lab file that is no other tool [m]."""
 
 
 def check_camera(setup: Setup, *, seconds: float = 3.0, tip_speed: float = 5.0) -> CameraReport:
@@ -165,11 +168,20 @@ def calibrate_table(
         write: Whether to write into the lab file.
 
     Raises:
-        InputError: The touches give no pose, or the lab file would make no sense.
+        InputError: The touches give no pose or another height of the base than the lab file, or
+            this would make no sense.
     """
     setup = load_setup(lab_file)
     require_camera(setup)
     fit = fit_table(tags_of(setup), touched)
+    off = fit.base_height - setup.arm.base_height
+    if write and abs(off) > _HEIGHT_OFF_MAX:
+        # Touches with the tip of another tool agree as well, at another height.
+        raise InputError(
+            f"the touches put the base {fit.base_height:.3f} m above the table, and the lab file "
+            f"{setup.arm.base_height:.3f} m: is the active TCP that of the tip that touched? If it "
+            "is, measure base_height with a tape, write it into the lab file, and run this again"
+        )
     if write:
         rows = [
             {name: value if name == "id" else round(value, 5) for name, value in row.items()}
@@ -238,11 +250,17 @@ def _gather_boards(
     patterns = [dataclasses.replace(board, legacy=legacy) for legacy in (False, True)]
     images: list[NDArray[np.uint8]] = []
     places: list[NDArray[np.float64]] = []
+    before = np.empty((0, 2))
     for frame in camera:
         corners = max((find_board(frame.image, pattern)[0] for pattern in patterns), key=len)
         if len(corners) < BOARD_CORNERS_MIN:
             continue
-        place = corners.reshape(-1, 2).mean(axis=0)
+        last, before = before, corners.reshape(-1, 2)
+        # A board that moves is blurred, and a rolling shutter bends it.
+        is_still = len(last) == len(before) and np.abs(before - last).max() < _BOARD_STILL
+        if not is_still:
+            continue
+        place = before.mean(axis=0)
         move = _BOARD_MOVE * frame.image.shape[1]
         if any(np.linalg.norm(place - other) < move for other in places):
             continue

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.conventions import mirror_xy, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import InputError, check_seed, says_what_it_takes
+from cablecast.errors import SEED_MAX, InputError, check_seed, says_what_it_takes
 from cablecast.evaluation.coverage import R0_CHOICES
 from cablecast.files import write_bytes
 from cablecast.motion.casting import cast_grip_paths
@@ -345,16 +345,15 @@ def _try_changes(
     rows = list(_possible(setup))
     for done, (kind, reason, values) in enumerate(rows):
         progress(Progress(task="Trying changes", done=done, total=len(rows), unit="changes"))
+        least = max(_BETTER * before, before + _BETTER_BY)
         try:
             changed = _with(setup, values)
-            actions, _ = _draw(changed, _TRIED_COUNT, seed)
-            tracks = _tracks(changed, (Dynamics.of(None, changed),), actions)
+            share = _share(changed, seed)
+            # The best of many is often the luckiest: it has to reach as much with other casts.
+            if share >= max(least, best[kind].share if kind in best else 0.0):
+                share = 0.5 * (share + _share(changed, (seed + 1) % (SEED_MAX + 1)))
         except InputError:
             continue
-        landed, left = _landings(changed, tracks[0])
-        tried = LabCheck(setup=changed, landing_xy=landed[None], leaving_xy=left)
-        share = float(tried.shares[0])
-        least = max(_BETTER * before, before + _BETTER_BY)
         if share >= max(least, best[kind].share if kind in best else 0.0):
             what = ", ".join(
                 f"{name} = {value:.3g} {_UNITS[name]}" for name, value in values.items()
@@ -363,6 +362,13 @@ def _try_changes(
                 kind=kind, what=what, reason=reason, setup=changed, share=share, before=before
             )
     return tuple(sorted(best.values(), key=lambda change: -change.share))
+
+
+def _share(setup: Setup, seed: int) -> float:
+    """Return the share of the table that some casts of the believed cable reach [-]."""
+    actions, _ = _draw(setup, _TRIED_COUNT, seed)
+    landed, left = _landings(setup, _tracks(setup, (Dynamics.of(None, setup),), actions)[0])
+    return float(LabCheck(setup=setup, landing_xy=landed[None], leaving_xy=left).shares[0])
 
 
 def _possible(setup: Setup) -> Iterator[tuple[str, str, dict[str, float]]]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.settings import MARKER_HUE
-from cablecast.camera.tags import TagLayout, default_layout
+from cablecast.camera.tags import TagLayout
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import DamagedFileError, InputError, check_number, says_what_it_takes
 from cablecast.files import read_csv, write_bytes, write_text
@@ -26,6 +26,7 @@ from cablecast.vision.clock import check_film_rate
 from cablecast.vision.end_tag import make_tracker
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig
+from cablecast.vision.trials import tags_of
 from cablecast.vision.video import (
     RATE_MAX,
     RATE_MIN,
@@ -40,8 +41,10 @@ CALIBRATION_FILE = "calibration.json"
 PICTURE_FILE = "track.png"
 
 _CALIBRATION_FRAMES = 12
+_VIEW_DEG, _MARKER = 78.0, (0.038, 0.016)
+"""Angle of view [deg], and size of the marker [m], where there is no lab file with a camera."""
 
-_PLAIN = ("view_deg", "begin", "start", "rate", "marker", "marker_hue", "marker_z")
+_PLAIN = ("view_deg", "begin", "start", "end", "rate", "marker", "marker_hue", "marker_z")
 """Settings of a run that are no files."""
 
 
@@ -52,11 +55,11 @@ class TrackConfig:
     Attributes:
         calibration: A calibration.json of the same camera at the same place; computed from the tags
             in the video where None.
-        tags: YAML file of the tags' places on the table; 11 along its edges where None.
-        board: Folder of pictures of a calibration board, for the lens; found from the tags
-            where None.
-        view_deg: Angle of view of the camera over the diagonal [deg], where neither a calibration
-            nor a board gives it.
+        tags: YAML file of the tags' places on the table; those of the lab file where None.
+        board: Folder of pictures of the default calibration board, for the lens; where None, the
+            lens of the lab file's camera if the video has its size, or else found from the tags.
+        view_deg: Angle of view of the camera over the diagonal [deg], where nothing else gives the
+            lens; that of the lab file's camera where None.
         begin: Point near the endpoint when the video starts [m]; straight ahead at the end of the
             cable where None.
         start: Time at which the motion begins, from the first frame on [s].
@@ -64,7 +67,10 @@ class TrackConfig:
             that of the track, and by which the film's rate is checked.
         rate: Frames per second with which the video was taken [1/s]; as many as it is stored with
             where None, which must then be possible.
-        marker: Length and width of the marker along and across the cable [m].
+        end: Time of the last frame that counts, from the start of the motion on [s]; that of the
+            last one where None.
+        marker: Length and width of the marker along and across the cable [m]; those of the lab
+            file's camera where None.
         marker_hue: Hue of the marker: 0 is red, 120 green, 240 blue [deg]; that of the lab file's
             camera where None.
         marker_z: Height of the marker's middle above the table [m]; the cable's radius where None.
@@ -73,12 +79,13 @@ class TrackConfig:
     calibration: pathlib.Path | None = None
     tags: pathlib.Path | None = None
     board: pathlib.Path | None = None
-    view_deg: float = 78.0
+    view_deg: float | None = None
     begin: tuple[float, float] | None = None
     start: float = 0.0
     log: pathlib.Path | None = None
     rate: float | None = None
-    marker: tuple[float, float] = (0.038, 0.016)
+    end: float | None = None
+    marker: tuple[float, float] | None = None
     marker_hue: float | None = None
     marker_z: float | None = None
 
@@ -89,10 +96,13 @@ class TrackConfig:
             raise InputError("a calibration says it all: give either it, or tags and board")
         if self.log is not None and self.start:
             raise InputError("the log says when the motion begins: give either it, or the start")
-        check_number("view_deg", self.view_deg, 5.0, 175.0, "deg")
+        check_number("view_deg", self.view_deg or _VIEW_DEG, 5.0, 175.0, "deg")
+        check_number("end", self.end or 1.0, 0.1, 3600.0, "s")
         check_number("start", self.start, 0.0, 3600.0, "s")
         check_number("rate", self.rate or RATE_MAX, RATE_MIN, 100 * RATE_MAX, "1/s")
-        for name, value in zip(("marker length", "marker width"), self.marker, strict=True):
+        for name, value in zip(
+            ("marker length", "marker width"), self.marker or _MARKER, strict=True
+        ):
             check_number(name, value, 0.002, 0.5, "m")
         for name, value in zip(("begin x", "begin y"), self.begin or (0.0, 0.0), strict=True):
             check_number(name, value, -10.0, 10.0, "m")
@@ -192,8 +202,11 @@ def _track(
             f"{video} has {info.width} x {info.height} px, but the camera was calibrated with "
             f"{lens.width} x {lens.height} px"
         )
-    length, width = config.marker
-    hue = MARKER_HUE if setup.camera is None else setup.camera.marker_hue
+    camera = setup.camera
+    length, width = config.marker or (_MARKER if camera is None else camera.marker)
+    hue = MARKER_HUE if camera is None else camera.marker_hue
+    # A phone beside the camera of the lab file has another shutter.
+    is_own = camera is not None and (camera.width, camera.height) == (info.width, info.height)
     marker = MarkerConfig(
         length=length, width=width, hue=hue if config.marker_hue is None else config.marker_hue
     )
@@ -206,6 +219,7 @@ def _track(
             marker=marker,
             marker_z=setup.cable.radius if config.marker_z is None else config.marker_z,
             exposure_max=min(1.0 / 120, 1.0 / info.rate),
+            row_time=camera.row_time if camera is not None and is_own else 0.0,
         ),
         start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
     )
@@ -221,8 +235,17 @@ def _track(
     start = config.start
     if config.log is not None:
         reported = read_log(config.log, setup.arm)
-        start = -film_offset(video, reported, setup.arm, calibration.view, pace=pace).offset
+        view, row_time = calibration.view, tracker.config.row_time
+        start = -film_offset(video, reported, setup.arm, view, row_time, pace=pace).offset
+        duration = pace * info.frame_count / info.rate
+        if not 0.0 <= start <= duration:
+            raise InputError(
+                f"time 0 of {config.log} lies {start:.1f} s after the first frame of {video}, and "
+                f"that has {duration:.1f} s: let the log count from the start of the motion"
+            )
     for count, (time, image) in enumerate(frames, start=1):
+        if config.end is not None and pace * time - start > config.end:
+            break
         tracker.update(
             pace * time - start,
             lambda w, image=image: image[w[1] : w[3], w[0] : w[2]],
@@ -241,9 +264,11 @@ def _calibrate(
     """Return the calibration that was given, or one from the tags in the video."""
     if config.calibration is not None:
         return Calibration.load(config.calibration)
-    layout = default_layout(setup.workspace) if config.tags is None else TagLayout.load(config.tags)
+    camera, layout = setup.camera, tags_of(setup)
+    if config.tags is not None:
+        layout = TagLayout.load(config.tags)
     progress(Progress(task="Looking for tags in the video"))
-    _, frames = read_video(video)
+    info, frames = read_video(video)
     pictures = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
     lens = None
     if config.board is not None:
@@ -253,8 +278,11 @@ def _calibrate(
         task = f"Lens from {fit.picture_count} of {len(images)} pictures of a board{pattern}"
         progress(Progress(task=task, note=f"rms {fit.rms_px:.2f} px"))
         lens = fit.lens
-    view = math.radians(config.view_deg)
-    return calibrate_view(pictures, layout, lens=lens, diagonal_view=view)
+    elif camera is not None and camera.lens is not None:
+        known = camera.lens
+        lens = known if (known.width, known.height) == (info.width, info.height) else None
+    degrees = config.view_deg or (_VIEW_DEG if camera is None else camera.view_deg)
+    return calibrate_view(pictures, layout, lens=lens, diagonal_view=math.radians(degrees))
 
 
 def _metrics(tracker: EndpointTracker, calibration: Calibration) -> dict[str, Any]:

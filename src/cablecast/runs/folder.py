@@ -26,9 +26,16 @@ from cablecast.files import library_versions, processor_name, read_sealed, seal,
 def plain_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings as JSON stores them: tuples become lists."""
     try:
-        return json.loads(json.dumps(dict(settings), allow_nan=False))
+        return json.loads(json.dumps(dict(settings), allow_nan=False, default=_plain))
     except (TypeError, ValueError, RecursionError) as error:
         raise InputError(f"settings must hold plain, finite values: {error}") from None
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of NumPy's as one of Python's."""
+    if type(value).__module__ == "numpy" and getattr(value, "ndim", 1) == 0:
+        return value.item()
+    raise TypeError(f"{value!r} is a {type(value).__name__}")
 
 
 def settings_differences(

@@ -107,12 +107,14 @@ def _arcs(q: Array, arm: Arm, view: CameraView) -> tuple[Array, NDArray[np.bool_
 
 
 def _thin(image: Image, places: Array, view: CameraView) -> Array:
-    """Return the colours of what is thin at some places, shape [arc, place, 3]."""
+    """Return the colours of what is thin at some places, shape [arc, place, 3]; 0 out of sight."""
     cv2, pixels = load_cv2(), view.to_image(places)
     wide = round(_THIN * view.pixels_per_metre(places[0, 0, :2])) // 2 * 2 + 1
     low = np.maximum(np.floor(pixels.min(axis=(0, 1))).astype(int) - wide, 0)
     high = np.ceil(pixels.max(axis=(0, 1))).astype(int) + wide
     piece = np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]])
+    if not piece.size:
+        return np.zeros((*places.shape[:2], 3))
     thin = cv2.blur(piece.astype(np.float32) - cv2.medianBlur(piece, wide), (2, 2))
     u, v = np.moveaxis((pixels - low).astype(np.float32), -1, 0)
     return cv2.remap(thin, u, v, cv2.INTER_LINEAR).astype(float)

@@ -162,12 +162,12 @@ class LiveCamera:
         slot, stamp = report["slot"], report["time"]
         image = self._slots[slot].copy()
         self._send(slot)
-        if not stamp > self._last:
+        last, self._last = self._last, stamp
+        if not stamp > last:
             raise CameraError(
                 f"camera source {self.settings.source}: the time of a frame does not rise: "
-                f"{stamp:.6f} s follows {self._last:.6f} s"
+                f"{stamp:.6f} s follows {last:.6f} s"
             )
-        self._last = stamp
         return Frame(time=stamp, arrival=report["arrival"], image=image)
 
     def keep(self, every: bool) -> None:
@@ -319,7 +319,7 @@ class FrameWatch:
         if self._same_count >= _SAME_MAX:
             raise CameraError(
                 f"{where} is frozen: {self._same_count + 1} frames in a row are equal to the last "
-                "bit. Plug it out and in again, and repeat the trial"
+                "bit. Plug it out and in again. The same command resumes"
             )
         now = self.now = Brightness.of(frame.image)
         if now.mean < _DARK_MAX:

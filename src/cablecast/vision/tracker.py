@@ -75,6 +75,8 @@ _BLUR_SMALL = 4.0
 """Length of a trace below which the marker looks as it does at rest [px]."""
 _SPEED_MAX, _ACCELERATION_MAX = 15.0, 400.0
 """Largest speed [m/s] and acceleration [m/s²] of the endpoint."""
+_SCALE_MAX = 5.0
+"""Largest scale of the picture at a place of the table over that at its centre, or under it [-]."""
 _SEARCH_PERIOD = 3
 """Frames between searches of the whole image while the marker is lost; between them it is searched
 where it was expected."""
@@ -778,7 +780,30 @@ class EndpointTracker:
             u, v = np.round(patch.pixel).astype(int)
             return green is not None and bool(green[min(max(v, 0), v_max), min(max(u, 0), u_max)])
 
-        return [patch for patch in patches if patch.vivid > least and not lies_on_green(patch)]
+        return [
+            self._as_amid_table(patch)
+            for patch in patches
+            if patch.vivid > least and not lies_on_green(patch)
+        ]
+
+    def _as_amid_table(self, patch: _Patch) -> _Patch:
+        """Return a patch as large as it would look at the table's centre.
+
+        Seen at a slant, or near the edge of a wide lens, the same marker is smaller elsewhere.
+        """
+        z = self.config.marker_z
+        place = self.view.to_table(patch.pixel, z)
+        here = self.view.pixels_per_metre(place, z) if np.isfinite(place).all() else np.nan
+        scale = self._px_per_m / here if here > 0.0 else np.nan
+        # What is seen beyond the horizon, or nearly, is no marker on the table.
+        if not 1.0 / _SCALE_MAX < scale < _SCALE_MAX:
+            return patch
+        return dataclasses.replace(
+            patch,
+            chroma=scale**2 * patch.chroma,
+            area=scale**2 * patch.area,
+            extent=(scale * patch.extent[0], scale * patch.extent[1]),
+        )
 
     def _even(self, window: Window, time: float, grab: Grab) -> NDArray[np.float32] | None:
         """Return a piece as the first frame's light, made white, shows it; None if it is dark."""

@@ -30,6 +30,8 @@ _CHECK_FRAMES = 6
 _LOCATE_FRAMES = 3
 _TAG_MOVE_MAX = 3.0
 """Longest way of a tag's centre since the calibration that is no move, but noise [px]."""
+_VIEW_MOVE_MAX = 1.0
+"""Longest way that most tags have gone together [px]."""
 _TAGS_SEEN_MIN = 0.5
 """Smallest share of the tags of the calibration that are still seen."""
 _APART_MAX = 60.0
@@ -151,7 +153,9 @@ class CameraOfTrials:
         self._tracker = self._new_tracker(self._start_xy)
         self._sight = CameraSight(position=self.calibration.view.position)
         self._usual = Brightness.of(images[-1])
-        self._tags = detect_tags(images[-1], tags_of(setup).family)
+        # Another tag of the family, such as one on the cable's end, may move.
+        used, tags = set(self.calibration.tag_ids), detect_tags(images[-1], tags_of(setup).family)
+        self._tags = {tag_id: tag for tag_id, tag in tags.items() if tag_id in used}
         self.description: dict[str, Any] = {
             "camera": self._camera.facts.kind,
             **self.settings.to_dict(),
@@ -180,15 +184,15 @@ class CameraOfTrials:
                 f"only {len(common)} of {len(self._tags)} tags are still seen: clear what covers "
                 "them, and switch automatic focus off"
             )
-        moved = [
-            tag_id
-            for tag_id in common
-            if np.linalg.norm(np.mean(seen[tag_id] - self._tags[tag_id], axis=0)) > _TAG_MOVE_MAX
-        ]
-        if len(moved) > len(common) / 2:
+        ways = np.array([np.mean(seen[i] - self._tags[i], axis=0) for i in common])
+        far = np.linalg.norm(ways, axis=1)
+        moved = [tag_id for tag_id, way in zip(common, far, strict=True) if way > _TAG_MOVE_MAX]
+        # Noise moves one tag, and not most of them the same way.
+        shift = float(np.linalg.norm(np.median(ways, axis=0)))
+        if len(moved) > len(common) / 2 or shift > _VIEW_MOVE_MAX:
             raise CameraError(
-                f"the camera was moved: {len(moved)} of {len(common)} tags are seen elsewhere. "
-                "Start anew, so that it is calibrated in its new place"
+                f"the camera was moved: {len(common)} tags are seen {np.median(far):.1f} px from "
+                "where they were. Start anew, so that it is calibrated in its new place"
             )
         if moved:
             raise CameraError(

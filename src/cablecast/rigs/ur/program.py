@@ -162,12 +162,12 @@ def check_path(curve: JointCurve, setup: Setup, what: str) -> None:
     if robot is None:
         raise InputError("the lab file has no robot section: --rig ur needs one")
     q = curve.evaluate(np.arange(round(curve.duration / _CHECK_DT) + 1) * _CHECK_DT)
-    position = np.array(limits.position) - robot.position_margin
+    position, middle = np.array(limits.position) - robot.position_margin, np.array(limits.middle)
     qd = np.diff(q, axis=0) / _CHECK_DT
     padded = np.concatenate([np.zeros((1, 6)), qd, np.zeros((1, 6))])
     qdd = np.diff(padded, axis=0) / _CHECK_DT
     for values, bound, name, unit in (
-        (q, position, "at", "rad"),
+        (q - middle, position, "off the middle of its range by" if middle.any() else "at", "rad"),
         (qd, np.array(limits.velocity) * _LIMIT_TOLERANCE, "turning at", "rad/s"),
         (qdd, np.array(limits.acceleration) * _ACCELERATION_MARGIN, "speeding up at", "rad/s²"),
     ):
