@@ -55,6 +55,7 @@ STOPPING = {
     "network_lost",
     "controller_dies",
     "controller_restarts",
+    "program_stopped",
 }
 """Faults after which the arm must come to rest."""
 ARMS = {"cb3": "ur5", "e-series": "ur5e", "polyscope-x": "ur5e"}
