@@ -97,6 +97,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
 
 QUOTED: dict[str, tuple[str, float]] = {
     "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 201", 12.0),
+    "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 33", 1.0),
     "by-count": (
         "casts --rigs virtual:4 --counts 2 5 20 50 100 280 --methods aim simulated fine-tuning "
         "--targets 66 --tries 2",
