@@ -179,7 +179,7 @@ def prepare_aim(
     if casts is not None:
         store.add_dataset(casts)
     model = _later_model(learning, store, fit_all, progress)
-    if casts is None and tuned is None and _began_otherwise(folder):
+    if folder is not None and casts is None and tuned is None and _began_otherwise(folder):
         tuned = _kept_fit(folder, rig.setup)
     elif tuned is not None:
         _keep_fit(folder, tuned)
@@ -205,11 +205,11 @@ def prepare_aim(
     return session
 
 
-def _began_otherwise(folder: pathlib.Path | None) -> bool:
+def _began_otherwise(folder: pathlib.Path) -> bool:
     """Return whether a session began without calibration casts: it goes on without them."""
-    if folder is None or (folder / CALIBRATION_FOLDER).exists():
-        return False
-    return any((folder / name).exists() for name in (TUNE_FOLDER, DATASET_FOLDER))
+    return not (folder / CALIBRATION_FOLDER).exists() and any(
+        (folder / name).exists() for name in (TUNE_FOLDER, DATASET_FOLDER)
+    )
 
 
 def _keep_fit(folder: pathlib.Path | None, tuned: Tuned) -> None:
