@@ -179,6 +179,16 @@ def test_a_log_of_another_motion_is_refused(swing, tmp_path, capsys):
     assert "the gripper moved 0.000 m" in capsys.readouterr().err
 
 
+def test_a_log_that_counts_from_another_day_is_refused(swing, tmp_path, capsys):
+    lines = (swing / "log.csv").read_text().splitlines()
+    rows = (line.partition(",") for line in lines[1:])
+    later = [f"{float(time) + 1000.0:.6f},{rest}" for time, _, rest in rows]
+    (tmp_path / "log.csv").write_text("\n".join([lines[0], *later]))
+    words = ["--log", str(tmp_path / "log.csv"), "--out", str(tmp_path / "out")]
+    assert main(["track", str(swing / "swing.mkv"), *words]) == 2
+    assert "let the log count from the start of the motion" in capsys.readouterr().err
+
+
 def test_sync_without_its_files_says_what_it_needs(tmp_path, capsys):
     assert main(["camera", "sync", "--setup", str(lab(tmp_path, 0))]) == 2
     assert "needs a film of the swinging arm" in capsys.readouterr().err

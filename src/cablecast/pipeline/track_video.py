@@ -96,8 +96,9 @@ class TrackConfig:
             raise InputError("a calibration says it all: give either it, or tags and board")
         if self.log is not None and self.start:
             raise InputError("the log says when the motion begins: give either it, or the start")
-        check_number("view_deg", self.view_deg or _VIEW_DEG, 5.0, 175.0, "deg")
-        check_number("end", self.end or 1.0, 0.1, 3600.0, "s")
+        for name, low, high, unit in (("view_deg", 5.0, 175.0, "deg"), ("end", 0.1, 3600.0, "s")):
+            if (value := getattr(self, name)) is not None:
+                check_number(name, value, low, high, unit)
         check_number("start", self.start, 0.0, 3600.0, "s")
         check_number("rate", self.rate or RATE_MAX, RATE_MIN, 100 * RATE_MAX, "1/s")
         for name, value in zip(
@@ -223,7 +224,7 @@ def _track(
         ),
         start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
     )
-    image, task = None, f"Tracking {video.name}"
+    image, time, task = None, 0.0, f"Tracking {video.name}"
     # Slow motion is stored with fewer frames per second than it was taken with.
     taken = capture_rate(video) if config.rate is None else config.rate
     if config.rate is None and taken is not None and abs(taken / info.rate - 1.0) > 0.05:
@@ -237,12 +238,6 @@ def _track(
         reported = read_log(config.log, setup.arm)
         view, row_time = calibration.view, tracker.config.row_time
         start = -film_offset(video, reported, setup.arm, view, row_time, pace=pace).offset
-        duration = pace * info.frame_count / info.rate
-        if not 0.0 <= start <= duration:
-            raise InputError(
-                f"time 0 of {config.log} lies {start:.1f} s after the first frame of {video}, and "
-                f"that has {duration:.1f} s: let the log count from the start of the motion"
-            )
     for count, (time, image) in enumerate(frames, start=1):
         if config.end is not None and pace * time - start > config.end:
             break
@@ -253,6 +248,11 @@ def _track(
         if count % 60 == 0:
             total = max(info.frame_count, count)
             progress(Progress(task=task, done=count, total=total, unit="frames"))
+    if config.log is not None and not 0.0 <= start <= pace * time:
+        raise InputError(
+            f"time 0 of {config.log} lies {start:.1f} s after the first frame of {video}, and the "
+            f"last one {pace * time:.1f} s: let the log count from the start of the motion"
+        )
     if config.rate is None and config.log is None:
         check_film_rate(*tracker.frames, info.rate)
     return tracker, calibration, image
