@@ -104,6 +104,7 @@ QUOTED: dict[str, tuple[str, float]] = {
         20.0,
     ),
     "waits": ("preparation --cables cable_1 --targets 5", 0.1),
+    "arms": ("arms", 0.1),
     "reproduce": ("reproduce", 3.0),
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),
     "reproduce-labs": ("reproduce --quick --cables cable_1 --labs 0 1 2", 1.0),
