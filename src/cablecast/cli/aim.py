@@ -33,8 +33,9 @@ EXIT_MISSED = 3
 _MANY_TARGETS = 12
 
 # Settings that decide the model of a session, which the page needs as well.
-_MODEL_OPTIONS = ("calibration_count", "simulated_count", "epochs", "candidate_count")
-_MODEL_OPTIONS += ("seed", "device")
+_MODEL_OPTIONS = {
+    *("calibration_count", "simulated_count", "epochs", "candidate_count", "seed", "device"),
+}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -159,10 +160,12 @@ class Aim(AimConfig, _Targets):
             print(f"picture   {out / REPORT_FOLDER / TRIES_FILE}")
             print(f"report    {out / REPORT_FOLDER / REPORT_FILE}")
         same = {"rig": self.rig, "setup": self.setup, "cable": self.cable, "out": self.out}
-        same |= {name: getattr(self, name) for name in _MODEL_OPTIONS}
-        for field in dataclasses.fields(AimConfig):
-            if same.get(field.name) == field.default:
-                del same[field.name]
+        same |= {
+            field.name: value
+            for field in dataclasses.fields(AimConfig)
+            if field.name in _MODEL_OPTIONS
+            and (value := getattr(self, field.name)) != field.default
+        }
         given = "".join(
             f" --{name.replace('_', '-')} {value}"
             for name, value in same.items()
