@@ -56,7 +56,7 @@ EXAMPLE_RIG = pathlib.Path(__file__).parents[1] / "examples" / "05_your_own_rig.
 MISSED_PCT = 100.0
 """Miss of a cast without a landing [% of cable length]."""
 FIT_MAX = 20
-"""Casts that the simulator is fitted to at most: more hardly change the fit (docs/tuning.md)."""
+"""Casts that the simulator is fitted to at most: more hardly change the fit."""
 FINE_TUNING_MIN = 50
 """Casts that fine-tuning needs: casts without a landing do not count for it."""
 

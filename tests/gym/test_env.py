@@ -1,5 +1,6 @@
 """The environments keep Gymnasium's contract, and their rewards are those of the engine."""
 
+import dataclasses
 import warnings
 
 import gymnasium
@@ -17,7 +18,7 @@ from cablecast.gym.picture import LANDING, MARGIN, SCALE, TARGET
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
-from cablecast.workspace import load_targets
+from cablecast.workspace import Workspace, load_targets
 
 ID = "cablecast.gym:cablecast/Cast-v0"
 
@@ -212,11 +213,27 @@ def test_any_rig_answers_the_environment():
         ({"render_mode": "human"}, "render_mode 'human'"),
         ({"rig": "virtual", "spread": 0.5}, "spread needs the engine"),
         ({"targets": [(0.0, 9.0)]}, "out of reach"),
+        ({"setup": "lab.yaml"}, "setup must be Setup"),
     ],
 )
 def test_a_bad_option_is_refused_in_one_line(options, words):
     with pytest.raises(InputError, match=words):
         CastEnv(**options)
+
+
+def test_observations_of_a_long_cable_stay_in_their_space():
+    cable = dataclasses.replace(Setup().cable, length=2.5)
+    env = CastEnv(Setup(cable=cable, workspace=Workspace(table_depth=4.0)))
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observation)
+    assert np.abs(observation).max() <= 1.0
+
+
+def test_a_table_without_targets_of_the_usual_sector_is_refused():
+    table = Workspace(table_width=0.3, table_depth=0.41, reset_y=0.2)
+    env = CastEnv(Setup(cable=dataclasses.replace(Setup().cable, length=0.2), workspace=table))
+    with pytest.raises(InputError, match="targets="):
+        env.reset(seed=0)
 
 
 def test_a_diverged_action_is_refused():

@@ -50,7 +50,7 @@ FIRST_COUNT = 5
 """Casts from which on the first fit is due, where a session started without one."""
 
 ENOUGH = 40
-"""Casts from which on no fit is due: more hardly change the parameters (docs/tuning.md)."""
+"""Casts from which on no fit is due: more hardly change the parameters."""
 
 _INNOVATION_MAX = 4.0
 # From this try on, a cast whose chance to hit is small is not worth making.

@@ -1,6 +1,7 @@
 """CastEnv and CastVectorEnv: one cast per episode, for learners that speak Gymnasium."""
 
 import dataclasses
+import itertools
 import typing
 from typing import Any
 
@@ -16,7 +17,13 @@ from cablecast.cast import TrialStatus
 from cablecast.conventions import side_of
 from cablecast.data.simulate import simulate_actions
 from cablecast.engines import make_engine
-from cablecast.errors import ActionError, InputError, check_count, check_number
+from cablecast.errors import (
+    ActionError,
+    InputError,
+    check_count,
+    check_number,
+    says_what_it_takes,
+)
 from cablecast.gym.picture import picture
 from cablecast.motion.action import (
     PSI_MAX,
@@ -53,6 +60,8 @@ TARGET_RADII = (0.43, 1.23)
 TARGET_ANGLE_MAX = float(np.radians(69.0))
 """Largest angle of these targets from the workspace axis [rad]."""
 
+# Batches of targets that are drawn before the table is held to have none.
+_DRAWS_MAX = 1000
 _ACTION_SIZE = 4
 # Action, landing and whether there was one, of an earlier cast.
 _CAST_SIZE = _ACTION_SIZE + 3
@@ -126,12 +135,24 @@ class CastTask:
         return np.array([-theta1, -theta2, low, -psi]), np.array([theta1, theta2, high, psi])
 
     def draw_targets(self, count: int, rng: np.random.Generator) -> Array:
-        """Return targets on the table within reach [m], shape [count, 2]."""
+        """Return targets on the table within reach [m], shape [count, 2].
+
+        Raises:
+            InputError: The table has next to none in the sector of the paper's targets.
+        """
         if self.targets is not None:
             return self.targets[rng.integers(len(self.targets), size=count)]
         workspace = self.setup.workspace
         chosen = np.empty((0, 2))
-        while len(chosen) < count:
+        for draw in itertools.count():
+            if len(chosen) >= count:
+                break
+            if draw >= _DRAWS_MAX:
+                low, high = TARGET_RADII
+                raise InputError(
+                    f"this table has hardly a place {low} to {high} m from the robot within reach "
+                    "of the cable: give targets=[[x, y], ...]"
+                )
             # Uniform in area: the square of the radius is uniform.
             low, high = np.square(TARGET_RADII)
             r = np.sqrt(rng.uniform(low, high, size=count))
@@ -194,7 +215,7 @@ class CastTask:
         parts = [self._folded(target_xy, target_xy) / reach]
         if self.observe_cable:
             cable = self.setup.cable
-            size = np.tile([cable.length, cable.diameter * 10.0], (len(target_xy), 1))
+            size = np.tile([cable.length / reach, cable.diameter * 10.0], (len(target_xy), 1))
             parts += [size, cables]
         parts.append(casts.reshape(len(target_xy), -1))
         return np.concatenate(parts, axis=1).astype(np.float32)
@@ -367,6 +388,7 @@ class _Casts:
             self.rig.close()
 
 
+@says_what_it_takes
 class CastEnv(gymnasium.Env):
     """One cast per episode: an action, and minus the miss in % of cable length as reward.
 
@@ -417,6 +439,7 @@ class CastEnv(gymnasium.Env):
         self._casts.close()
 
 
+@says_what_it_takes
 class CastVectorEnv(gymnasium.vector.VectorEnv):
     """Many casts at once: a step is one batch of the engine, and ends every episode.
 

@@ -24,6 +24,9 @@ _OTHER_ACTION = 12.0
 def region_text(proposal: Proposal, share: float) -> str:
     """Return the axes of the region that holds a share of the landings [-], e.g. 90 %."""
     axes = 2.0 * proposal.ellipse(share).semi_axes
+    table = proposal.setup.workspace
+    if axes.min() > max(table.table_width, table.table_depth):
+        return "a region larger than the table"
     centimetres = " by ".join(f"{100 * axis:.0f}" for axis in axes)
     percent = " by ".join(f"{100 * axis / proposal.setup.cable.length:.0f}" for axis in axes)
     return f"{centimetres} cm ({percent} %)"
