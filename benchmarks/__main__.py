@@ -96,52 +96,23 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
 """Module and function of each command, the code that it depends on, and what it measures."""
 
 QUOTED: dict[str, tuple[str, float]] = {
-    "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 201", 12.0),
-    "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 33", 1.0),
+    "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 66", 0.7),
+    "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 66", 0.8),
+    "other-physics": (
+        "casts --rigs strange chain example --counts 10 --methods aim --cables cable_1 --targets 33",
+        0.4,
+    ),
     "by-count": (
-        "casts --rigs virtual:4 --counts 2 5 20 50 100 280 --methods aim simulated fine-tuning "
-        "--targets 66 --tries 2",
-        20.0,
+        "casts --rigs virtual:4 --counts 2 10 50 --methods aim simulated fine-tuning "
+        "--cables cable_1 --targets 33 --tries 2",
+        0.5,
     ),
     "waits": ("preparation --cables cable_1 --targets 5", 0.1),
     "arms": ("arms", 0.1),
     "reproduce": ("reproduce", 3.0),
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),
     "reproduce-labs": ("reproduce --quick --cables cable_1 --labs 0 1 2", 1.0),
-    "paper-way": (
-        "casts --rigs virtual:4 --cables cable_1 --labs 0 1 --counts 280 --methods aim "
-        "paper --targets 44 --tries 2",
-        4.0,
-    ),
-    "patchy-by-count": (
-        "casts --rigs patchy --cables cable_1 --counts 5 50 --methods aim simulated "
-        "fine-tuning --targets 66 --tries 2",
-        4.0,
-    ),
-    "no-casts": (
-        "casts --rigs virtual:4 --cables cable_1 --counts 0 --methods aim --targets 33 --tries 4",
-        2.0,
-    ),
-    "parts": (
-        "casts --rigs virtual:4 --cables cable_1 --counts 5 --methods aim 'one "
-        "simulator' 'full gain' --targets 66 --tries 6",
-        8.0,
-    ),
-    "other-physics": (
-        "casts --rigs strange engine example --counts 5 --methods aim --cables cable_1 "
-        "--targets 72",
-        5.0,
-    ),
-    "other-cables": (
-        "casts --rigs engine example --counts 5 --methods aim --cables cable_2 cable_3 "
-        "--targets 24",
-        3.0,
-    ),
     "uneven": ("uneven", 0.3),
-    "even-friction": (
-        "casts --rigs even patchy --counts 5 --methods aim --cables cable_1 --targets 72",
-        4.0,
-    ),
     "effects": ("effects --count 10", 0.3),
     "validation": ("validation", 0.2),
     "faults": ("faults", 1.5),

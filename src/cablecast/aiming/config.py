@@ -32,7 +32,7 @@ class AimConfig:
     """Casts that the rig makes before the first target; twice as many where the simulator follows
     them badly, unless --no-refit is given. With 0 it aims at once with the believed
     cable, and the simulator is fitted to the first casts."""
-    simulated_count: int = 16_000
+    simulated_count: int = 8_000
     """Number of simulated casts that the model learns from."""
     epochs: int = 60
     """Largest number of passes of the training over them."""

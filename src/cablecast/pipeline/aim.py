@@ -50,6 +50,9 @@ FITS_FOLDER = "fits"
 """A later fit lies in `fits/NNNNN-MMMMM`: the session had NNNNN casts then, and MMMMM of them were
 taken back. The newest that is finished is the one that the session goes on with."""
 REPORT_FOLDER = "report"
+HIDDEN_WIDTH = 128
+"""Units of each hidden layer of the network. It finds candidates, and tells what a small change of
+an action does; where they land is simulated. So it may be smaller than that of the paper."""
 TRIES_FILE = "tries.png"
 
 _FOLDERS = {
@@ -413,6 +416,7 @@ class _Learning:
         policy = train(
             simulated,
             epochs=config.epochs,
+            hidden_width=HIDDEN_WIDTH,
             candidate_count=config.candidate_count,
             out=None if folder is None else folder / MODEL_FOLDER,
             **shared,

@@ -49,6 +49,7 @@ def train(
     method: Method = "network",
     start: ForwardModel | None = None,
     epochs: int = 100,
+    hidden_width: int = TrainingConfig.hidden_width,
     candidate_count: int = CANDIDATE_COUNT,
     seed: int = 0,
     device: str = "cpu",
@@ -66,6 +67,7 @@ def train(
         method: "network", or "gaussian-process", the paper's baseline on simulated casts alone.
         start: Network of the same simulated casts to fine-tune; trained first where None.
         epochs: Largest number of passes over the simulated casts.
+        hidden_width: Number of units of each of the four hidden layers; the paper's by default.
         candidate_count: Number of motions that the policy chooses from.
         seed: Seed of the held-out casts, the first weights and the candidates.
         device: "cpu" or "cuda".
@@ -87,7 +89,7 @@ def train(
     check_device(device)
     if start is not None:
         _check_start(start, simulated)
-    config = TrainingConfig(epochs=epochs)
+    config = TrainingConfig(epochs=epochs, hidden_width=hidden_width)
     casts = {
         role: dataset
         for role, dataset in (("sim", simulated), ("real", real))

@@ -5,6 +5,7 @@ widened, and an ensemble. `tune_params` is the paper's Differential Evolution.
 """
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -191,6 +192,10 @@ def tune_params(
     )
 
 
+# Part of the steps of a fit, and the share of its starting points that go on from there.
+_GO_ON = ((1 / 2, 1 / 2), (3 / 4, 1 / 3))
+
+
 class _Log:
     """History of a search or a fit, whose steps it reports, and its simulations by stage."""
 
@@ -225,12 +230,19 @@ class _Log:
         )
 
     def run_fit(self, stage: str, fit: TrackFit, state: FitState, iterations: int) -> FitState:
-        """Take some steps of a fit; the misfit is renewed once after the first half of them."""
-        length = self.cable.length
+        """Take some steps of a fit from several points, of which fewer and fewer go on.
+
+        After half of the steps the better half of the points goes on, after three quarters of them
+        the best third. The misfit is renewed once after the first half of the steps.
+        """
+        length, count = self.cable.length, len(state.points)
         for done in range(iterations):
             state, is_new = self._step(stage, fit, state)
             if done == iterations // 2:
                 state = fit.rescaled(state)
+            for part, share in _GO_ON:
+                if done + 1 == math.ceil(part * iterations):
+                    state = state.best(math.ceil(share * count))
             best, spread = float(state.best().losses[0]), float(state.losses.std())
             self.add(stage, best * length, spread * length, report=is_new)
         self.counts[stage] += fit.simulation_count
