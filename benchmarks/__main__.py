@@ -98,8 +98,10 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
 QUOTED: dict[str, tuple[str, float]] = {
     "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 66", 0.7),
     "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 66", 0.8),
+    "scatter-5": ("scatter --rig virtual --calibration 10 --targets 6 --repeats 5", 0.2),
     "other-physics": (
-        "casts --rigs strange chain example --counts 10 --methods aim --cables cable_1 --targets 33",
+        "casts --rigs strange chain example --counts 10 --methods aim --cables cable_1 "
+        "--targets 33",
         0.4,
     ),
     "by-count": (
