@@ -308,10 +308,10 @@ def test_a_target_that_no_simulated_cast_comes_near_is_not_cast_at(policy):
 
 
 def test_casts_end_where_the_next_one_is_nearly_certain_to_miss(policy):
-    # At the edge of what the arm can do no correction brings the cast nearer.
+    # At the edge of what the arm can do corrections bring the cast ever less nearer.
     edge = policy.predicted_xy[np.argmax(policy.predicted_xy[:, 1])] + [0.0, 0.012]
     with rig_of(policy, bias=0.0, scatter=0.001) as rig:
-        session = session_of(policy, within_pct=1.0, anyway=False)
+        session = session_of(policy, within_pct=0.3, anyway=False)
         result = cc.aim(session, rig, edge)
     assert 2 <= len(result.casts[0]) < 6
     assert "would hit it with a chance of" in result.stops[0]
@@ -342,6 +342,25 @@ def test_a_second_cast_that_comes_no_nearer_is_not_made(policy):
     place = f"cast is r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg"
     assert f"the nearest landing of a {place}" in session.stop_reason(farther)
     assert session_of(policy).stop_reason(farther) == ""
+
+
+def test_a_third_cast_is_made_where_it_is_expected_much_nearer(policy):
+    target = np.array([0.3, 1.1])
+    with rig_of(policy, bias=0.3) as rig:
+        session = session_of(policy, within_pct=1.0, anyway=False)
+        casts = [session.cast(rig, session.propose(target)) for _ in range(2)]
+    missed = min((cast.final_xy - target for cast in casts), key=np.linalg.norm)
+    third = session.propose(target)
+    # Stated so widely that hits are unlikely, as after casts that missed by more than was stated.
+    wide = dataclasses.replace(third, covariance=np.eye(2), scatter=0.002)
+    nearer, farther = (
+        dataclasses.replace(wide, expected_xy=target + share * missed) for share in (0.4, 0.6)
+    )
+    scattered = dataclasses.replace(nearer, scatter=0.1)
+    assert max(one.hit_chance for one in (nearer, farther, scattered)) < 0.05
+    assert session.stop_reason(nearer) == ""
+    assert "would hit it with a chance of" in session.stop_reason(farther)
+    assert "would hit it with a chance of" in session.stop_reason(scattered)
 
 
 def test_a_cast_that_left_the_table_says_where_such_casts_go(policy):

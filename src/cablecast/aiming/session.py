@@ -4,6 +4,7 @@ import contextlib
 import copy
 import dataclasses
 import itertools
+import math
 import os
 from collections.abc import Callable, Sequence
 
@@ -53,8 +54,9 @@ ENOUGH = 40
 """Casts from which on no fit is due: more hardly change the parameters."""
 
 _INNOVATION_MAX = 4.0
-# From this try on, a cast whose chance to hit is small is not worth making.
-_STOP_TRY = 3
+# From this try on, a cast whose chance to hit is small must be expected this much nearer than the
+# nearest landing so far, as a share of its distance.
+_STOP_TRY, _NEARER = 3, 0.5
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _SCALE_GROWTH = 1.3
 
@@ -277,8 +279,9 @@ class AimSession:
         """Return why a proposed cast is not worth making, in words; empty where it is.
 
         It is not where it is nearly certain to miss: at the first try outside the simulated
-        coverage, at the second where it is expected no nearer than an earlier one landed, and from
-        the third on everywhere. `AimConfig.anyway` makes it all the same.
+        coverage, at the second where it is expected no nearer than an earlier one landed, from the
+        third on where it is expected less than twice as near, or where the scatter of equal casts
+        alone lets it miss. `AimConfig.anyway` makes it all the same.
         """
         number, target = proposal.try_number, proposal.target_xy
 
@@ -287,9 +290,14 @@ class AimSession:
 
         landed = [cast.final_xy for _, cast in self._counted() if cast.landed and number > 1]
         near = min(landed or [self.model.policy.nearest_landing(target)], key=miss)
-        stops = number >= _STOP_TRY or (
-            miss(proposal.expected_xy) >= miss(near) if landed else not proposal.inside_coverage
-        )
+        if landed:
+            share = _NEARER if number >= _STOP_TRY else 1.0
+            stops = miss(proposal.expected_xy) >= share * miss(near)
+            within = self.config.within_pct / 100.0 * self.setup.cable.length
+            square = (within / max(proposal.scatter, 1e-9)) ** 2
+            stops |= number >= _STOP_TRY and -math.expm1(-0.5 * square) < HIT_CHANCE_MIN
+        else:
+            stops = number >= _STOP_TRY or not proposal.inside_coverage
         if self.config.anyway or not stops or proposal.hit_chance >= HIT_CHANCE_MIN:
             return ""
         r, theta = xy_to_polar(near)
