@@ -136,6 +136,17 @@ def test_a_new_fit_needs_casts_and_a_folder(rig, tmp_path):
         prepare(rig, fit_all=True)
 
 
+def test_casts_of_another_rig_are_not_taken_for_those_of_this_one(rig, tmp_path):
+    prepare(rig, out=tmp_path)
+    other = RigEngine(cc.EngineWarp(**COARSE), SETUP, SETUP.cable.params)
+    with cc.make_rig(other, SETUP) as opened, pytest.raises(InputError) as refused:
+        prepare(opened, out=tmp_path)
+    assert "holds casts of another rig: rig.params.bend_stiffness is 0.002 there" in str(
+        refused.value
+    )
+    prepare(rig, out=tmp_path)
+
+
 def test_a_fit_to_casts_that_are_gone_is_refused(rig, tmp_path):
     prepare(rig, out=tmp_path, tries=1)
     prepare(rig, out=tmp_path, tries=1, fit_all=True)

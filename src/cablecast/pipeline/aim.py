@@ -38,7 +38,14 @@ from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.folder import METRICS_FILE, RunFolder, plain_settings, run_facts
+from cablecast.runs.folder import (
+    METRICS_FILE,
+    Parts,
+    RunFolder,
+    plain_settings,
+    run_facts,
+    settings_differences,
+)
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.setup import Setup
@@ -55,7 +62,11 @@ HIDDEN_WIDTH = 128
 an action does; where they land is simulated. So it may be smaller than that of the paper."""
 TRIES_FILE = "tries.png"
 
-_FOLDERS = {
+RIG_PART = "rig"
+"""Part of a session's folder, a JSON file, that describes the rig on which it casts."""
+
+_OWN = {
+    f"{RIG_PART}.json",
     *(CALIBRATION_FOLDER, SECOND_FOLDER, TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER),
     *(SESSION_FOLDER, FITS_FOLDER, REPORT_FOLDER),
 }
@@ -133,7 +144,7 @@ def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
     if path.exists() and not path.is_dir():
         raise InputError(f"{path} is a file: aiming needs a folder")
     names = [f.name for f in path.iterdir() if f.name[0] != "."] if path.exists() else []
-    if other := sorted(set(names) - _FOLDERS):
+    if other := sorted(set(names) - _OWN):
         raise InputError(f"{path} holds {other[0]}, which aiming did not make: give a new folder")
 
 
@@ -176,6 +187,8 @@ def prepare_aim(
     """
     config, simulators = config or AimConfig(), simulators or SimulatorConfig()
     folder = None if out is None else pathlib.Path(out)
+    if folder is not None:
+        _keep_rig(folder, rig)
     learning = _Learning(rig.setup, config, simulators, folder)
     session_folder = None if folder is None else folder / SESSION_FOLDER
     store = CastStore(rig.setup, session_folder, config.within_pct)
@@ -206,6 +219,23 @@ def prepare_aim(
     )
     session.look(rig)
     return session
+
+
+def _keep_rig(folder: pathlib.Path, rig: CheckedRig) -> None:
+    """Note whose casts a folder has, so that none of another rig are taken for them.
+
+    Raises:
+        InputError: It has those of another rig.
+    """
+    parts, here = Parts(folder), plain_settings({"rig": dict(rig.description)})
+    there = parts.get(RIG_PART)
+    if there is None:
+        parts.put(RIG_PART, here)
+    elif differences := settings_differences(there, here):
+        raise InputError(
+            f"{folder} holds casts of another rig: {'; '.join(differences)}. Give another folder "
+            "(--out)"
+        )
 
 
 def _began_otherwise(folder: pathlib.Path) -> bool:
