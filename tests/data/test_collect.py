@@ -16,7 +16,7 @@ from cablecast.data import record as record_module
 from cablecast.data import writer
 from cablecast.data.dataset import read_dataset
 from cablecast.data.record import sample_actions
-from cablecast.errors import DatasetError, InputError, RigError
+from cablecast.errors import DatasetError, InputError, RigError, StoppedError
 from cablecast.motion.feasibility import check_actions, feasible_ranges
 from cablecast.motion.trajectory import Action, plan_trajectory
 
@@ -81,6 +81,14 @@ def test_a_rig_that_sees_no_joints_leaves_their_columns_empty(tmp_path):
     dataset = collect(tmp_path / "d", StickRig(sees_joints=False), count=2)
     assert dataset.measured_joints(0) is None
     assert dataset.commanded_joints(0) is not None
+
+
+def test_nothing_moves_again_after_a_person_stopped_a_batch(tmp_path):
+    rig = ManyStickRig(troubles=[(1, StoppedError("somebody pressed stop"))])
+    with pytest.raises(RigError, match="somebody pressed stop"):
+        collect(tmp_path / "d", rig)
+    assert len(rig.batches) == 1
+    assert rig.executed == [0, 1]
 
 
 @pytest.mark.parametrize("kind", [StickRig, ManyStickRig])

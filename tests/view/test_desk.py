@@ -140,6 +140,49 @@ def test_a_cast_that_is_not_worth_making_is_said_after_the_one_before(desk, own)
     assert desk.phase is Phase.PLANNED
 
 
+def test_only_the_plan_that_a_person_saw_is_cast(desk, own):
+    seen = desk.aim(TARGET)
+    desk.aim(TARGET + [0.1, -0.1])
+    with pytest.raises(InputError, match="plan has changed"):
+        desk.cast(seen)
+    assert own.cast_count == 0
+    planned = desk.preview
+    desk.cast(planned)
+    # A second answer to the same question.
+    with pytest.raises(InputError, match="plan has changed"):
+        desk.cast(planned)
+    assert own.cast_count == 1
+
+
+def test_what_was_said_before_a_hit_is_forgotten_and_stays_off_other_targets(desk, own):
+    own.offset = np.zeros(2)
+    desk.session.stop_reason = lambda proposal: "it will miss"
+    desk.aim(TARGET)
+    assert desk.stop == "it will miss"
+    assert desk.cast().hit
+    desk.look_ahead()
+    assert desk.stop == ""
+    desk.session.stop_reason = lambda proposal: ""
+    desk.aim(desk.other_target())
+    desk.session.stop_reason = lambda proposal: "it will miss"
+    desk.look_ahead()
+    assert desk.stop == ""
+
+
+def test_a_stop_while_a_cast_is_taken_in_leaves_a_session_that_knows_it(desk, own, monkeypatch):
+    desk.aim(TARGET)
+    take_in = AimSession._add
+
+    def stopped(*args, **kwargs):
+        monkeypatch.setattr(AimSession, "_add", take_in)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(AimSession, "_add", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        desk.cast()
+    assert len(desk.session.casts) == len(desk.session.predictor.casts) == 1
+
+
 def test_all_tries_at_a_target_end_it(desk, own):
     own.offset = np.array([-0.3, 0.2])
     desk.session.config = dataclasses.replace(desk.session.config, tries=1, anyway=True)

@@ -77,7 +77,7 @@ def test_point_cast_correct_replay_undo(page, drawn):
 
 
 def test_a_fit_to_all_casts_is_long_work_that_leaves_out_what_was_undone(page, learning):
-    session, desk = page.desk.session, page.desk
+    desk = page.desk
     for _ in range(3):
         cast_at_target(page)
     page.undo()
@@ -86,13 +86,13 @@ def test_a_fit_to_all_casts_is_long_work_that_leaves_out_what_was_undone(page, l
     assert page.worker.state.name == "a fit to all casts"
     page.worker.drain()
     assert page.worker.state.message == "no disk"
-    assert session.fitted_count == 0
+    assert desk.session.fitted_count == 0
     learning.error = None
     page.refit()
     page.worker.drain()
     assert page.worker.state.message == ""
     assert learning.counts == [(2, 3)]
-    assert session.fitted_count == len(session.predictor.casts) == 2
+    assert desk.session.fitted_count == len(desk.session.predictor.casts) == 2
     assert "fits 2 casts" in desk.message
     assert desk.phase is Phase.READY
 

@@ -132,3 +132,26 @@ def test_somebody_at_the_keyboard_ends_the_program():
     worker.submit("a cast", interrupted)
     with pytest.raises(KeyboardInterrupt):
         worker.run()
+
+
+def test_work_that_is_stopped_before_it_starts_never_starts():
+    worker, done = Worker(), []
+    finish = worker._finish
+
+    def late(message):
+        # Somebody starts work and stops it, before the worker looks for any.
+        worker._finish = finish
+        finish(message)
+        worker.submit("a cast", lambda report: done.append("a cast"))
+        worker.stop()
+
+    worker._finish = late
+
+    def scenario():
+        worker.submit("a fit", lambda report: None)
+        wait_until(lambda: worker.state.message == "stopped")
+        worker.submit("another fit", lambda report: done.append("another fit"))
+        wait_until(lambda: done)
+
+    run_with(worker, scenario)
+    assert done == ["another fit"]

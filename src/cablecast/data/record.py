@@ -22,7 +22,14 @@ from cablecast.data.schema import SCHEMA_VERSION
 from cablecast.data.simulate import actions_digest
 from cablecast.data.store import cast_row
 from cablecast.data.writer import DatasetWriter
-from cablecast.errors import DatasetError, InputError, RigError, check_count, check_seed
+from cablecast.errors import (
+    DatasetError,
+    InputError,
+    RigError,
+    StoppedError,
+    check_count,
+    check_seed,
+)
 from cablecast.files import core_count
 from cablecast.motion.action import Action, ActionRanges, check_action_values
 from cablecast.motion.feasibility import feasible_grid, feasible_ranges, feasible_uniform
@@ -187,8 +194,16 @@ class _Recording:
         if len(batch) > 1:
             seek_trial(self.rig, batch[0], self._purpose)
             # If one trial of a batch fails, each is tried on its own, so that the others are kept.
-            with contextlib.suppress(Exception):
+            # After a stop by a person nothing moves again.
+            try:
                 tracks = self.rig.execute_many(motions)
+            except StoppedError as error:
+                raise RigError(
+                    f"trials {batch[0]} to {batch[-1]} failed because: {error}. The same command "
+                    "resumes with them"
+                ) from error
+            except Exception:
+                tracks = [None] * len(batch)
         failed = []
         for index, motion, track in zip(batch, motions, tracks, strict=True):
             if track is not None and track.status is not TrialStatus.ABORTED:

@@ -6,6 +6,7 @@ import functools
 import math
 import os
 import pathlib
+import re
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -134,18 +135,23 @@ def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
         InputError: The device is not here, or the folder is a file or holds something else.
         MissingExtraError: A library is missing.
     """
-    require("aiming", "torch", "safetensors", "matplotlib", "jinja2")
-    from cablecast.engines import make_engine
-    from cablecast.learning.checkpoint import check_device
-
-    make_engine("warp", device=config.device)
-    check_device(config.device)
+    _check_machine(config, "matplotlib", "jinja2")
     path = pathlib.Path(folder)
     if path.exists() and not path.is_dir():
         raise InputError(f"{path} is a file: aiming needs a folder")
     names = [f.name for f in path.iterdir() if f.name[0] != "."] if path.exists() else []
     if other := sorted(set(names) - _OWN):
         raise InputError(f"{path} holds {other[0]}, which aiming did not make: give a new folder")
+
+
+def _check_machine(config: AimConfig, *modules: str) -> None:
+    """Check that the libraries and the device are here."""
+    require("aiming", "torch", "safetensors", *modules)
+    from cablecast.engines import make_engine
+    from cablecast.learning.checkpoint import check_device
+
+    make_engine("warp", device=config.device)
+    check_device(config.device)
 
 
 @says_what_it_takes
@@ -187,6 +193,8 @@ def prepare_aim(
     """
     config, simulators = config or AimConfig(), simulators or SimulatorConfig()
     folder = None if out is None else pathlib.Path(out)
+    # Before any cast.
+    _check_machine(config, *(() if folder is None else ("matplotlib",)))
     if folder is not None:
         _keep_rig(folder, rig)
     learning = _Learning(rig.setup, config, simulators, folder)
@@ -359,7 +367,6 @@ class _Learning:
         simulators: SimulatorConfig,
         folder: pathlib.Path | None,
     ):
-        require("aiming", "torch", "safetensors")
         self.setup, self.config, self.simulators, self.folder = setup, config, simulators, folder
         self._resolution = {"segment_count": simulators.segment_count, "dt": simulators.dt}
 
@@ -403,6 +410,8 @@ class _Learning:
             return None
         finished = f"{FITS_FOLDER}/*/{MODEL_FOLDER}/{METRICS_FILE}"
         names = [file.parts[-3] for file in self.folder.glob(finished)]
+        # A copy that somebody kept beside them is none.
+        names = [name for name in names if re.fullmatch(r"\d{5,}-\d{5,}", name)]
         # Casts are only ever added and taken back, so more of either came later.
         counts = [tuple(int(count) for count in name.split("-")) for name in names]
         return max(((count, undone) for count, undone in counts), default=None)

@@ -5,6 +5,7 @@ Methods may be called from any thread; a cast takes the desk for itself, so that
 cast at once.
 """
 
+import copy
 import dataclasses
 import enum
 import threading
@@ -175,11 +176,12 @@ class Desk:
         session = self._need_session()
         model = session.fit(report)
         report(Progress(task="All casts with the new model"))
-        with self._lock:
-            session.use(model)
-            self.set_session(session)
-        self._rehearse(session)
-        self.message = f"The simulator fits {session.fitted_count} casts now."
+        # A copy, so that one that is stopped half-way leaves the session as it was.
+        renewed = copy.copy(session)
+        renewed.use(model)
+        self._rehearse(renewed)
+        self.set_session(renewed)
+        self.message = f"The simulator fits {renewed.fitted_count} casts now."
 
     def aim(self, target_xy: ArrayLike) -> Preview:
         """Choose a target and plan the next cast at it, corrected by earlier casts.
@@ -214,6 +216,10 @@ class Desk:
         xy = session.model.policy.predicted_xy
         xy = xy[table.edge_distance(xy) > _EDGE]
         xy = xy[np.linalg.norm(xy, axis=1) < table.reach(self.setup.cable.length)]
+        if not len(xy):
+            raise InputError(
+                f"no simulated cast lands {_EDGE} m within the table's edges: click on the table"
+            )
         rng = np.random.default_rng(len(session.casts))
         some = rng.choice(xy, _CHOICE) * np.stack(
             [rng.choice([-1, 1], _CHOICE), np.ones(_CHOICE)], 1
@@ -224,8 +230,12 @@ class Desk:
     def look_ahead(self) -> None:
         """Find out whether another cast at the target of the last one is worth making."""
         with self._lock:
-            session, last = self._need_session(), self.last
-            if last is None or any(one.hit for one in self.tries_at(last.target_xy)):
+            session, last, preview = self._need_session(), self.last, self.preview
+            if last is None or preview is None or not last.is_at(preview.proposal.target_xy):
+                # Another target was chosen meanwhile.
+                return
+            self.stop = ""
+            if self.is_hit:
                 return
             self.stop = session.stop_reason(session.propose(last.target_xy))
             if not self.stop and session.is_done(last.target_xy):
@@ -240,19 +250,27 @@ class Desk:
                 raise InputError("there is nothing to correct yet: cast first")
             return self.aim(last.target_xy)
 
-    def cast(self) -> Cast:
+    def cast(self, planned: Preview | None = None) -> Cast:
         """Cast as planned, and see where the free end comes to rest.
 
         To be called in the thread that may use the rig.
 
+        Args:
+            planned: Plan that a person has seen: no other is cast.
+
         Raises:
-            InputError: Nothing is planned, or another cast is under way.
+            InputError: Nothing is planned, another plan than the one that was seen, or another cast
+                is under way.
             RigError: The rig failed; the table can be used again.
         """
         with self._lock:
             self._refuse_casting()
             if self.preview is None:
                 raise InputError("nothing is planned: choose a target first")
+            if planned is not None and (
+                planned is not self.preview or self.phase is not Phase.PLANNED
+            ):
+                raise InputError("the plan has changed meanwhile: look at it, then cast")
             session = self._need_session()
             if self.phase in (Phase.LANDED, Phase.DONE):
                 self.aim(self.preview.proposal.target_xy)
@@ -260,7 +278,13 @@ class Desk:
         try:
             proposal = preview.proposal
             track = session.play(self.rig, proposal.trajectory, proposal.number)
-            trial = session.observe(proposal, track)
+            try:
+                trial = session.observe(proposal, track)
+            except BaseException:
+                # It was stopped with the cast stored, and nothing learned from it yet.
+                if len(session.casts) > proposal.number:
+                    session.use(session.model)
+                raise
             with self._lock:
                 self.message = change_text(trial, session) if trial.landed else track.status.value
             return trial

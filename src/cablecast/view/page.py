@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import functools
 import os
 import pathlib
 import tempfile
@@ -171,6 +172,7 @@ class Page:
 
     def aim(self, xy: ArrayLike) -> None:
         """Choose a target and show its plan."""
+        self.worker.forget()
         self.guard(lambda: self._show_plan(self.desk.aim(xy)))
         if self.desk.phase is Phase.READY:
             # Nothing of the target before stands for one that was refused.
@@ -185,21 +187,24 @@ class Page:
         """Choose a target by its distance [m] and its angle [deg]."""
         self.aim(polar_to_xy([r, np.radians(theta_deg)]))
 
-    def cast(self) -> None:
-        """Cast as planned."""
-        self.guard(lambda: self.worker.submit("a cast", lambda report: self._cast()))
+    def cast(self, planned: Preview | None = None) -> None:
+        """Cast as planned; the plan that a person saw when pressing the button, and no other."""
+        planned = planned or self.desk.preview
+        self.guard(lambda: self.worker.submit("a cast", lambda report: self._cast(planned)))
 
     def correct(self) -> None:
         """Plan again against the last miss, and cast."""
 
         def work(report: ProgressCallback) -> None:
-            self._show_plan(self.desk.correct())
-            self._cast()
+            planned = self.desk.correct()
+            self._show_plan(planned)
+            self._cast(planned)
 
         self.guard(lambda: self.worker.submit("a corrected cast", work))
 
     def undo(self) -> None:
         """Take the last try back."""
+        self.worker.forget()
         self.guard(self.desk.undo)
         self.show_rest()
         self.refresh()
@@ -210,7 +215,14 @@ class Page:
 
     def refit(self) -> None:
         """Fit the simulator to all casts of the session, and plan with its model."""
-        self.guard(lambda: self.worker.submit("a fit to all casts", self.desk.refit))
+
+        def work(report: ProgressCallback) -> None:
+            self.desk.refit(report)
+            # The plan of before, and where casts could land, are those of the old model.
+            self.show_rest()
+            self.stage.table.show_map(None)
+
+        self.guard(lambda: self.worker.submit("a fit to all casts", work))
 
     def replay(self, number: int) -> None:
         """Show a cast of the session again, by its number."""
@@ -289,9 +301,9 @@ class Page:
         self.stage.play(casts, rounds=_ROUNDS)
         self.refresh()
 
-    def _cast(self) -> None:
+    def _cast(self, planned: Preview | None) -> None:
         self.refresh()
-        one = self.desk.cast()
+        one = self.desk.cast(planned)
         casts = {"measured": ShownCast.of_cast(one)}
         if self.desk.preview is not None:
             casts["plan"] = self.desk.preview.cast
@@ -350,16 +362,23 @@ class Page:
         desk, worker = self.desk, self.worker
         status = gui.add_markdown("")
         make = gui.add_button("Get ready", color="blue", icon="wand")
-        make.on_click(lambda _: self._confirm(gui, self.prepare))
+        make.on_click(lambda event: self._confirm(event, self.prepare))
         cast = gui.add_button("Cast", color="blue", icon="player-play-filled")
-        cast.on_click(lambda _: self._confirm(gui, self.cast))
+        cast.on_click(
+            lambda event: self._confirm(event, functools.partial(self.cast, desk.preview))
+        )
         correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
-        correct.on_click(lambda _: self._confirm(gui, self.correct))
+        correct.on_click(lambda event: self._confirm(event, self.correct))
         other = gui.add_button("Another target", color="blue", icon="target")
         other.on_click(lambda _: self.aim_elsewhere())
         anyway = gui.add_button("Cast all the same", color=SLATE)
         anyway.on_click(
-            lambda _: self._confirm(gui, self.cast if desk.phase is Phase.PLANNED else self.correct)
+            lambda event: self._confirm(
+                event,
+                functools.partial(self.cast, desk.preview)
+                if desk.phase is Phase.PLANNED
+                else self.correct,
+            )
         )
         stop = gui.add_button("Stop", color="red", icon="hand-stop")
         stop.on_click(lambda _: worker.stop())
@@ -418,11 +437,12 @@ class Page:
 
         self._refreshers.append(refresh)
 
-    def _confirm(self, gui: Any, action: Callable[[], None]) -> None:
-        """Do something, after asking where a real arm moves."""
+    def _confirm(self, event: Any, action: Callable[[], None]) -> None:
+        """Do something, after asking where a real arm moves; the person who clicked, no other."""
         if not self.rig_is_real:
             action()
             return
+        gui: Any = self.server.gui if event.client is None else event.client.gui
         with gui.add_modal("The arm will move") as modal:
             gui.add_markdown("Is everybody out of its reach, and the emergency stop at hand?")
             yes = gui.add_button("Yes, it may move", color="red")

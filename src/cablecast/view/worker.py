@@ -5,6 +5,7 @@ there the time limits of rigs hold (rigs/time_limit.py), and a stop reaches the 
 so that a robot stops, its connection is closed, and stored parts are kept.
 """
 
+import contextlib
 import dataclasses
 import queue
 import re
@@ -78,7 +79,7 @@ class Worker:
                 raise InputError(f"the table is busy: {self.state.name} is under way")
             self.state = WorkState(name=name)
             self._pace = Pace()
-        self._queue.put(work)
+            self._queue.put(work)
         self.notify()
 
     def stop(self) -> bool:
@@ -92,6 +93,12 @@ class Worker:
             self._stops += 1
         signal.pthread_kill(self._thread.ident or 0, signal.SIGINT)
         return True
+
+    def forget(self) -> None:
+        """Forget how the last work ended: there is other news."""
+        with self._lock:
+            if not self.state.name:
+                self.state = WorkState()
 
     def end(self) -> None:
         """Let `run` return once the work under way is done."""
@@ -109,7 +116,10 @@ class Worker:
             except KeyboardInterrupt:
                 if not self._take_stop():
                     raise
-                # It came when the work was just done, or before it started.
+                # It came when the work was just done, or before it started: it must not start.
+                with self._lock, contextlib.suppress(queue.Empty):
+                    while True:
+                        self._queue.get_nowait()
                 self._finish("stopped")
 
     def drain(self) -> None:
