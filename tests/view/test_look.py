@@ -71,6 +71,22 @@ def test_a_tuning_result_is_shown_over_the_casts_that_it_was_fitted_to(rig, engi
         open_collection(tmp_path / "tune")
 
 
+def test_the_newest_fit_of_a_session_is_shown_and_none_of_another_cable(
+    rig, engine, policy, tmp_path
+):
+    session = tmp_path / "aim"
+    desk = Desk(rig, engine, session=AimSession(policy, out=session / "session"))
+    desk.aim(TARGETS[0])
+    desk.cast()
+    masses = {"tune": 0.03, "fits/00005-00000/tune": 0.04, "fits/00015-00000/tune": 0.05}
+    for name, mass in masses.items():
+        params = dataclasses.replace(Setup().cable.params, mass=mass)
+        write_tuning(session / name, params, "")
+        assert open_collection(session).tuned.params.mass == mass
+    write_params(tmp_path / "tune" / PARAMS_FILE, {"cable": "cable_2", "params": params.to_dict()})
+    assert open_collection(session).tuned.params.mass == mass
+
+
 @pytest.mark.parametrize("index", [-1, 2])
 def test_a_cast_that_is_not_there_is_refused(rig, engine, tmp_path, index):
     collect(rig, count=2, out=tmp_path / "casts")

@@ -1,5 +1,6 @@
 """Casts as they are drawn, measured or simulated, and the folders that they are read from."""
 
+import contextlib
 import dataclasses
 import os
 import pathlib
@@ -19,7 +20,7 @@ from cablecast.errors import DatasetError, InputError, check_count
 from cablecast.files import read_json
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at, plan_trajectory
-from cablecast.pipeline.aim import SESSION_FOLDER
+from cablecast.pipeline.aim import FITS_FOLDER, SESSION_FOLDER
 from cablecast.pipeline.evaluate import CASTS_FOLDER
 from cablecast.runs.folder import CONFIG_FILE, METRICS_FILE, RunFolder
 from cablecast.runs.places import TUNE_FOLDER
@@ -300,7 +301,10 @@ def _of_tuning(path: pathlib.Path) -> Collection:
 def _collection(
     setup: Setup, dataset: Dataset, path: pathlib.Path, targets: Array, tries: Sequence[int]
 ) -> Collection:
-    """Return casts with their names, and with what `tune` found in the folder or beside it."""
+    """Return casts with their names, and with what `tune` found.
+
+    That is the newest fit of a session, or what lies in the folder, or else beside it.
+    """
     labels = []
     for number, (target, try_number) in enumerate(zip(targets, tries, strict=True)):
         label = f"cast {number}"
@@ -309,9 +313,12 @@ def _collection(
             label += f" at {r:.2f} m, {np.degrees(theta):.0f}°"
         labels.append(label + (f", try {try_number}" if try_number else ""))
     tuned = None
-    for place in (path.parent / TUNE_FOLDER, path / TUNE_FOLDER):
+    later = [folder / TUNE_FOLDER for folder in sorted((path / FITS_FOLDER).glob("*"))]
+    for place in (path.resolve().parent / TUNE_FOLDER, path / TUNE_FOLDER, *later):
         if (place / PARAMS_FILE).exists():
-            tuned = load_tuned(place, setup).dynamics
+            # What lies beside the casts may be of another cable.
+            with contextlib.suppress(InputError):
+                tuned = load_tuned(place, setup).dynamics
     return Collection(
         setup=setup, dataset=dataset, labels=tuple(labels), target_xy=targets, tuned=tuned
     )

@@ -634,6 +634,7 @@ class LookTab:
             raise InputError("these casts were made on another table than the page shows")
         self._collection = collection
         self._cast.options = collection.labels
+        self._cast.value = collection.labels[0]
         for handle in (*self._boxes.values(), *self._sliders.values(), self._mujoco):
             handle.disabled = False
         self._boxes["tuned"].disabled = collection.tuned is None
@@ -722,11 +723,12 @@ class LookTab:
         ends = {kind: cast.endpoint_xy[-1] for kind, cast in self.shown.items()}
         lines = ["| motion | ends at | from measured |", "|---|---|---|"]
         for kind, end in ends.items():
-            apart = ""
-            if "measured" in ends and kind != "measured":
+            apart, seen = "", np.all(np.isfinite([end, ends.get("measured", end)]))
+            if "measured" in ends and kind != "measured" and seen:
                 apart = f"{100 * float(np.linalg.norm(end - ends['measured'])) / length:.1f} %"
             color = swatch(FIGURE_COLORS[kind])
-            lines.append(f"| {color} {kind} | {end[0]:.2f}, {end[1]:.2f} m | {apart} |")
+            place = f"{end[0]:.2f}, {end[1]:.2f} m" if np.all(np.isfinite(end)) else "not seen"
+            lines.append(f"| {color} {kind} | {place} | {apart} |")
         update(self._text, content="\n".join(lines))
 
     def _need(self) -> Collection:

@@ -595,10 +595,14 @@ class Player:
             self._draw()
 
     def seek(self, at: float) -> None:
-        """Show another time [s], at rest."""
+        """Show another time [s], at rest; the end ends a playback."""
         with self._lock:
             self.playing, self.time = False, min(max(at, 0.0), self.duration)
             self._draw()
+            done = self._done if self.time >= self.duration else None
+            self._done = None if done else self._done
+        if done is not None:
+            done()
 
     def toggle(self) -> None:
         """Halt, or go on; at the end start again."""
