@@ -1,4 +1,5 @@
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -158,6 +159,37 @@ def test_repeats_are_measured_drawn_and_compared_with_the_paper(lab, capsys):
     more = ["repeat", *RIG, "--combinations", "1.5", "--action-count", "2", "--repeats", "4"]
     assert main(more) == 0
     assert len(made(lab)) == before + 8
+
+
+def test_combinations_that_are_added_later_stand_beside_the_earlier_ones(lab, capsys, monkeypatch):
+    maps = pytest.importorskip("cablecast.report.maps", exc_type=ImportError)
+    drawn, draw = [], maps.repeatability_map
+    monkeypatch.setattr(
+        maps,
+        "repeatability_map",
+        lambda results, table: drawn.append([r.label for r in results]) or draw(results, table),
+    )
+    shared = ["repeat", *RIG, "--action-count", "2", "--repeats", "2", "--out", "out"]
+
+    def combinations_after(*names):
+        assert main([*shared, "--combinations", *names]) == 0
+        return json.loads((lab / "out/metrics.json").read_text())["combinations"]
+
+    earlier = combinations_after("1.2", "1.8-psi")
+    capsys.readouterr()
+    added = combinations_after("1.5")
+    assert [added[0], added[2]] == earlier
+    assert "1.8 with psi" in capsys.readouterr().out
+    labels = ["v_max 1.2", "v_max 1.5", "v_max 1.8 with psi"]
+    assert [row["label"] for row in added] == labels
+    assert drawn == [[labels[0], labels[2]], labels]
+    # What is known is not drawn again; without its casts, a combination keeps its figures.
+    assert combinations_after("1.5") == added
+    assert len(drawn) == 2
+    shutil.rmtree(lab / "out/1.2/casts")
+    (lab / "out/repeatability.png").unlink()
+    assert combinations_after("1.5") == added
+    assert drawn[2] == labels[1:]
 
 
 def test_actions_of_one_s_own_are_repeated(lab, capsys):

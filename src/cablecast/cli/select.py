@@ -70,7 +70,7 @@ class Select:
 def print_choice(metrics: dict[str, Any]) -> None:
     """Print the coverage of every combination in metrics.json, and the choice."""
     from cablecast.cli import tables
-    from cablecast.pipeline.select import combination
+    from cablecast.pipeline.repeat import combination
     from cablecast.report.tables import pct
 
     ratio = metrics["coverage"][0]["hull_ratio"]

@@ -1,5 +1,6 @@
 """repeat: make equal casts again and again, and measure how far apart they land."""
 
+import contextlib
 import dataclasses
 import os
 import typing
@@ -10,7 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.conventions import Array
-from cablecast.errors import InputError, check_count, check_number, check_seed, says_what_it_takes
+from cablecast.data.dataset import read_dataset
+from cablecast.errors import (
+    DamagedFileError,
+    DatasetError,
+    InputError,
+    check_count,
+    check_number,
+    check_seed,
+    says_what_it_takes,
+)
 from cablecast.evaluation.repeatability import (
     REPEAT_COUNT,
     REPEAT_MAX,
@@ -29,6 +39,7 @@ from cablecast.runs.progress import Progress, ProgressCallback, show
 
 FIGURE_FILE = "repeatability.png"
 ACTIONS_FILE = "actions.csv"
+_CASTS_FOLDER = "casts"
 
 COMBINATIONS = {
     "1.2": (1.2, False),
@@ -50,7 +61,8 @@ class Repeated:
 
     Attributes:
         results: Casts and scatter by the name of the combination.
-        metrics: Figures, as metrics.json holds them.
+        metrics: Figures, as metrics.json holds them, with those of other combinations that earlier
+            runs measured into the folder.
     """
 
     results: dict[str, Repeatability]
@@ -121,7 +133,7 @@ def repeat(
         with run.locked():
             for name, (setup, made) in plans.items():
                 results[name] = measure_repeatability(
-                    run.path / name / "casts",
+                    run.path / name / _CASTS_FOLDER,
                     rig,
                     setup,
                     actions=made,
@@ -130,9 +142,9 @@ def repeat(
                 )
                 if out is not None:
                     save_actions(results[name], run.path / name / ACTIONS_FILE)
-            metrics = {"combinations": [result.to_dict() for result in results.values()]}
+            metrics = _with_earlier(run.metrics, list(results.values()))
             if out is not None:
-                _finish(run, metrics, list(results.values()), rig, progress)
+                _finish(run, metrics, results, rig, progress)
     return Repeated(results=results, metrics=metrics)
 
 
@@ -166,10 +178,42 @@ def check_repeat(
         refuse_other_work(out, "repeat")
 
 
+def combination(row: dict[str, Any]) -> tuple[float, float, bool]:
+    """Return r0, v_max and whether the wrist turns, as coverage and repeatability name them."""
+    return row["r0"], row["v_max"], row["with_psi"]
+
+
+def _with_earlier(stored: dict[str, Any] | None, results: list[Repeatability]) -> dict[str, Any]:
+    """Return the metrics of results, and the stored ones of combinations that are not in them."""
+    rows = [result.to_dict() for result in results]
+    measured = {combination(row) for row in rows}
+    earlier = stored["combinations"] if stored is not None else []
+    kept = [row for row in earlier if combination(row) not in measured]
+    return {"combinations": sorted([*kept, *rows], key=combination)}
+
+
+def _drawn(
+    run: RunFolder, metrics: dict[str, Any], results: dict[str, Repeatability]
+) -> list[Repeatability]:
+    """Return the results, and those of the metrics' other combinations from their casts."""
+    drawn = list(results.values())
+    wanted = {combination(row) for row in metrics["combinations"]}
+    wanted -= {combination(result.to_dict()) for result in drawn}
+    for name in COMBINATIONS:
+        if name in results:
+            continue
+        # A combination whose casts are gone or damaged keeps its figures, and cannot be drawn.
+        with contextlib.suppress(DatasetError, DamagedFileError):
+            earlier = Repeatability.from_dataset(read_dataset(run.path / name / _CASTS_FOLDER))
+            if combination(earlier.to_dict()) in wanted:
+                drawn.append(earlier)
+    return sorted(drawn, key=lambda result: combination(result.to_dict()))
+
+
 def _finish(
     run: RunFolder,
     metrics: dict[str, Any],
-    results: list[Repeatability],
+    results: dict[str, Repeatability],
     rig: CheckedRig,
     progress: ProgressCallback,
 ) -> None:
@@ -180,7 +224,7 @@ def _finish(
     from cablecast.report.style import png_bytes
 
     progress(Progress(task="Drawing the landings"))
-    figure = repeatability_map(results, rig.setup.workspace)
+    figure = repeatability_map(_drawn(run, metrics, results), rig.setup.workspace)
     write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
     run.finish(metrics)
 

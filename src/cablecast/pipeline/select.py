@@ -23,7 +23,7 @@ from cablecast.evaluation.coverage import (
 )
 from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
-from cablecast.pipeline.repeat import Repeated
+from cablecast.pipeline.repeat import Repeated, combination
 from cablecast.runs.folder import RunFolder, settings_differences
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.runs.workers import LOCAL, connected
@@ -225,11 +225,6 @@ def _scatter_rows(
         if result.cable.name != cable.name:
             raise InputError(f"the repeated casts are of {result.cable.name}, not of {cable.name}")
     return repeated.metrics["combinations"]
-
-
-def combination(result: dict[str, Any]) -> tuple[float, float, bool]:
-    """Return r0, v_max and whether the wrist turns, as coverage and repeatability name them."""
-    return result["r0"], result["v_max"], result["with_psi"]
 
 
 def _candidate(result: dict[str, Any]) -> Candidate:
