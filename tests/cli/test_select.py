@@ -57,8 +57,9 @@ def test_select_takes_up_what_an_earlier_run_measured(selected, capsys):
     (out / "coverage" / "r0_1-v_max_1.5.json").unlink()
     assert main(["select", *SMALL, "--out", str(out)]) == 0
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1
+    assert len(lines) == 2
     assert "r0 = 1 m, v_max = 1.5 m/s" in lines[0]
+    assert "12 of 12 combinations" in lines[1]
     assert json.loads((out / "metrics.json").read_text()) == metrics
 
 

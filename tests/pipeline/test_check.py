@@ -9,6 +9,7 @@ from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.pipeline.check import _try_changes
 
 HOSE = {"name": "hose", "length": 0.9, "diameter": 0.005, "mass": 0.022, "kind": "hose"}
 SMALL = {"table_width": 1.6, "table_depth": 1.2}
@@ -45,6 +46,13 @@ def test_a_change_that_is_named_reaches_more_of_the_table(checked):
     for change in checked.changes:
         other = cc.check(change.setup, changes=False)
         assert other.shares[0] > checked.shares[0], str(change)
+
+
+def test_progress_ends_with_all_changes_tried(monkeypatch):
+    monkeypatch.setattr("cablecast.pipeline.check._share", lambda setup, seed: 0.0)
+    reports = []
+    _try_changes(cc.Setup(), 0.5, 0, reports.append)
+    assert [report.done for report in reports] == list(range(reports[0].total + 1))
 
 
 def test_a_cable_of_which_little_is_known_is_less_sure(checked):

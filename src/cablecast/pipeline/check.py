@@ -343,8 +343,12 @@ def _try_changes(
     """Return the best change of each kind of those that reach clearly more."""
     best: dict[str, Change] = {}
     rows = list(_possible(setup))
-    for done, (kind, reason, values) in enumerate(rows):
+
+    def report(done: int) -> None:
         progress(Progress(task="Trying changes", done=done, total=len(rows), unit="changes"))
+
+    for done, (kind, reason, values) in enumerate(rows):
+        report(done)
         least = max(_BETTER * before, before + _BETTER_BY)
         try:
             changed = _with(setup, values)
@@ -361,6 +365,7 @@ def _try_changes(
             best[kind] = Change(
                 kind=kind, what=what, reason=reason, setup=changed, share=share, before=before
             )
+    report(len(rows))
     return tuple(sorted(best.values(), key=lambda change: -change.share))
 
 

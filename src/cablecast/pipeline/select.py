@@ -147,20 +147,18 @@ def _survey(
     pairs = [(r0, v_max) for r0 in R0_CHOICES for v_max in V_MAX_CHOICES]
     results: list[dict[str, Any]] = []
 
+    def report(note: str = "") -> None:
+        total = len(pairs) + len(V_MAX_CHOICES)
+        task = f"Coverage of {setup.cable.name}"
+        done = len(results)
+        progress(Progress(task=task, done=done, total=total, unit="combinations", note=note))
+
     def measure(r0: float, v_max: float, with_psi: bool) -> None:
         grid, grid_psi = grids
         counts = (grid_psi,) * 3 + (max(grid_psi // 2, 1),) if with_psi else (grid,) * 3
 
         def coverage() -> dict[str, Any]:
-            progress(
-                Progress(
-                    task=f"Coverage of {setup.cable.name}",
-                    done=len(results),
-                    total=len(pairs) + len(V_MAX_CHOICES),
-                    unit="combinations",
-                    note=f"r0 = {r0:g} m, v_max = {v_max:g} m/s" + " with psi" * with_psi,
-                )
-            )
+            report(f"r0 = {r0:g} m, v_max = {v_max:g} m/s" + " with psi" * with_psi)
             moved = setup.with_motion(r0=r0, v_max=v_max)
             dynamics = tuned.dynamics.without_curl()
             return measure_coverage(moved, dynamics, engine, counts)
@@ -173,6 +171,7 @@ def _survey(
     best_r0, _ = choose_r0([_candidate(result) for result in results])
     for v_max in V_MAX_CHOICES:
         measure(best_r0, v_max, True)
+    report()
     for result in results:
         key = combination(result)
         result["repeatability"] = next((row for row in rows if combination(row) == key), None)
