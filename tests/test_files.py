@@ -194,3 +194,20 @@ def test_csv_of_a_spreadsheet_is_read_and_a_missing_column_or_cell_named(tmp_pat
     file.write_text("x,y\n1\n")
     with pytest.raises(InputError, match=r"line 2 .* too few cells"):
         read_csv(file, ("x", "y"))
+
+
+def test_csv_cells_beyond_the_last_column_are_ignored_where_empty_and_refused_elsewhere(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("x,y\n1,2,, \n3,4\n")
+    assert read_csv(file, ("x", "y")) == [{"x": "1", "y": "2"}, {"x": "3", "y": "4"}]
+    file.write_text("x,y\n1,2\n1,5,2\n")
+    with pytest.raises(InputError, match=r"line 3 .* too many cells"):
+        read_csv(file, ("x", "y"))
+
+
+def test_a_csv_file_may_be_as_large_as_its_reader_says(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text("x\n" + "1\n" * 10)
+    assert len(read_csv(file, ("x",), size_max=22)) == 10
+    with pytest.raises(InputError, match="more than 21 bytes"):
+        read_csv(file, ("x",), size_max=21)

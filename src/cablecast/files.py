@@ -129,15 +129,20 @@ def parse_yaml(text: str, name: str) -> dict[str, Any]:
     return values
 
 
-def read_csv(path: str | pathlib.Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
-    """Return the rows of a CSV file whose header must hold some columns.
+def read_csv(
+    path: str | pathlib.Path, columns: tuple[str, ...], size_max: int = 16 * SIZE_MAX
+) -> list[dict[str, str]]:
+    """Return the rows of a CSV file of at most some size [byte].
+
+    The header must hold some columns. Empty cells beyond the last column are ignored.
 
     Raises:
-        InputError: There is no such file, or a column or a cell is missing.
+        InputError: There is no such file, it is too large, or a column or a cell is missing or too
+            many.
     """
     path = pathlib.Path(path)
     try:
-        reader = csv.DictReader(read_text(path, 16 * SIZE_MAX).splitlines())
+        reader = csv.DictReader(read_text(path, size_max).splitlines())
         rows = list(reader)
     except FileNotFoundError as error:
         raise InputError(str(error)) from None
@@ -148,6 +153,9 @@ def read_csv(path: str | pathlib.Path, columns: tuple[str, ...]) -> list[dict[st
     for number, row in enumerate(rows, start=2):
         if any(row[name] is None for name in columns):
             raise InputError(f"line {number} of {path} has too few cells")
+        # Cells without a column stand under None.
+        if any(cell.strip() for cell in row.pop(None, ())):
+            raise InputError(f"line {number} of {path} has too many cells")
     return rows
 
 

@@ -12,6 +12,7 @@ from cablecast.data.record import collect_dataset
 from cablecast.data.recordings import read_recordings
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import DatasetError, InputError
+from cablecast.files import SIZE_MAX
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.import_casts import import_casts
@@ -180,6 +181,23 @@ def test_a_bad_table_is_refused_in_one_line(change, words, tmp_path):
     with pytest.raises(InputError, match=words) as refused:
         read_recordings(table, SETUP)
     assert "\n" not in str(refused.value)
+
+
+def test_a_trailing_comma_is_no_cell_and_a_decimal_comma_is_refused(tmp_path):
+    table = write_table(rows_with(lambda t: 0.2), tmp_path / "table.csv")
+    head, *lines = table.read_text().splitlines()
+    table.write_text("\n".join([head, *(f"{line}," for line in lines)]))
+    assert len(read_recordings(table, SETUP)) == 1
+    table.write_text("\n".join([head, lines[0], lines[1].replace("0.2", "0,2"), *lines[2:]]))
+    with pytest.raises(InputError, match=r"line 3 of .* has too many cells"):
+        read_recordings(table, SETUP)
+
+
+def test_a_table_may_be_larger_than_a_file_that_a_person_writes(tmp_path):
+    rows = rows_with(lambda t: 0.2, np.arange(0.0, 1.4, 0.01))
+    table = write_table([row | {"note": "x" * 2**17} for row in rows], tmp_path / "table.csv")
+    assert table.stat().st_size > 16 * SIZE_MAX
+    assert len(read_recordings(table, SETUP)[0].times) == len(rows)
 
 
 @pytest.mark.parametrize("name", ["none.csv", "none.parquet", "broken.parquet"])

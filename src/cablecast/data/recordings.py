@@ -252,7 +252,7 @@ def _read_table(
     if path.suffix.lower() in (".parquet", ".pq"):
         table = _read_parquet(path, required)
     else:
-        rows = read_csv(path, required)
+        rows = read_csv(path, required, TABLE_SIZE_MAX)
         table = {name: [row[name] for row in rows] for name in (rows[0] if rows else required)}
     count = len(table[CAST_COLUMN])
     if count > COUNT_MAX:
