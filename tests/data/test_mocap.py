@@ -93,6 +93,9 @@ def write_vicon(path, times, points, separator=","):
     lines = ["Devices", "1000", separator.join(["", "", "Force"]), "Frame,Sub Frame,Fx"]
     lines += [",,N", "1,0,0.5", ""]
     lines = [line.replace(",", separator) for line in lines]
+    # A section of bodies may be exported without any.
+    empty = ["Segments", "120", ",,body,,", "Frame,Sub Frame,TX,TY,TZ", ",,mm,mm,mm", ""]
+    lines += [line.replace(",", separator) for line in empty]
     lines += ["Trajectories", "120"]
     lines.append(separator.join(["", "", *(f"Cable:{n}{2 * separator}" for n in points)]))
     lines.append(separator.join(["Frame", "Sub Frame", *["X", "Y", "Z"] * len(points)]))
@@ -170,6 +173,19 @@ def test_a_track_for_a_rig_starts_at_a_time_of_the_take(tmp_path):
     assert track.endpoint_xy[0] == pytest.approx(points["end"][120, :2], abs=PLACE)
     with pytest.raises(InputError, match="start = 9 s"):
         take.track("end", SETUP.workspace, start=9.0)
+
+
+@pytest.mark.parametrize("ending", ["", "\n\n"])
+def test_sections_without_rows_are_passed_over_and_hold_no_positions(ending, tmp_path):
+    take = write_vicon(tmp_path / "take.csv", *cast())
+    frame = MocapFrame.load(write_points(tmp_path / "points.csv"))
+    section = "Segments\n120\n,,body,,\nFrame,Sub Frame,TX,TY,TZ\n,,mm,mm,mm" + ending
+    with take.open("a") as file:
+        file.write(section)
+    assert list(Take.load(take, frame).points) == ["Cable:end", "Cable:grip", "Cable:ahead"]
+    take.write_text(section)
+    with pytest.raises(InputError, match="holds no positions"):
+        Take.load(take, frame)
 
 
 def test_what_is_no_take_or_no_frame_is_refused_with_what_is_wrong(tmp_path):

@@ -194,10 +194,12 @@ def _vicon(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str, 
     """Return times and points of the sections of a take of Vicon that hold places."""
     times, points = np.empty(0), {}
     for start in (i for i, row in enumerate(rows) if row and row[0] in _SECTIONS):
-        if len(rows) < start + 6 or not (rate := _number((rows[start + 1] or [""])[0])):
-            raise InputError(f"{path}: section {rows[start][0]} lacks its rate, names or rows")
+        if len(rows) < start + 5 or not (rate := _number((rows[start + 1] or [""])[0])):
+            raise InputError(f"{path}: section {rows[start][0]} lacks its rate, names or units")
         names, axes, units = rows[start + 2 : start + 5]
         body = list(itertools.takewhile(any, rows[start + 5 :]))
+        if not body:
+            continue
         columns, name, unit = {}, "", "mm"
         for i, axis in enumerate(axes[2:], start=2):
             name = names[i] if i < len(names) and names[i] else name
