@@ -14,7 +14,7 @@ import cablecast.gym  # noqa: F401
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.gym.env import CastEnv, CastVectorEnv
-from cablecast.gym.picture import LANDING, MARGIN, SCALE, TARGET
+from cablecast.gym.picture import LANDING, MARGIN, ROBOT, SCALE, TABLE, TARGET, picture
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
@@ -131,6 +131,18 @@ def test_a_picture_shows_target_and_landings_where_they_are():
     many = CastVectorEnv(2, render_mode="rgb_array")
     many.reset(seed=0)
     assert [image.shape for image in many.render()] == [image.shape] * 2
+
+
+@pytest.mark.parametrize("near", [-0.5, 0.3])
+def test_a_picture_shows_the_table_from_its_near_edge_and_the_robot(near):
+    workspace = Workspace(table_near_y=near)
+    image = picture(workspace, np.array([0.0, 0.9]), np.empty((0, 2)))
+    rows = np.nonzero(where(image, TABLE).any(axis=1))[0]
+    top = workspace.y_max + MARGIN
+    assert top - rows.max() / SCALE == pytest.approx(near, abs=0.01)
+    assert top - rows.min() / SCALE == pytest.approx(workspace.y_max, abs=0.01)
+    robot = np.mean(np.nonzero(where(image, ROBOT))[0])
+    assert top - robot / SCALE == pytest.approx(0.0, abs=0.01)
 
 
 def where(image, color):

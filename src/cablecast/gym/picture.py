@@ -28,7 +28,8 @@ def picture(
     """
     half, far = workspace.half_width, workspace.y_max
     columns = np.arange(-half - MARGIN, half + MARGIN, 1.0 / SCALE)
-    rows = np.arange(far + MARGIN, -MARGIN, -1.0 / SCALE)
+    # The robot is shown, too, where the table begins in front of it.
+    rows = np.arange(far + MARGIN, min(workspace.y_min, 0.0) - MARGIN, -1.0 / SCALE)
     x, y = np.meshgrid(columns, rows)
 
     def distance(point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -36,7 +37,7 @@ def picture(
 
     image = np.empty((*x.shape, 3), dtype=np.uint8)
     image[...] = FLOOR
-    image[(np.abs(x) <= half) & (y >= 0.0) & (y <= far)] = TABLE
+    image[(np.abs(x) <= half) & (y >= workspace.y_min) & (y <= far)] = TABLE
     image[distance(np.zeros(2)) <= RING] = ROBOT
     ring = np.abs(distance(target_xy) - RING) <= 0.3 * DOT
     image[ring | (distance(target_xy) <= 0.3 * DOT)] = TARGET
