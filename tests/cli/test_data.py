@@ -5,7 +5,7 @@ import json
 from cablecast.cli import main
 
 
-def test_a_table_becomes_a_dataset_and_a_dataset_a_lerobot_data_set(tmp_path, capsys):
+def test_a_table_becomes_a_dataset_and_a_dataset_a_lerobot_data_set(tmp_path, capsys, monkeypatch):
     joints = ",".join(f"q{k}_rad" for k in range(1, 7))
     rows = [f"cast,time_s,x_m,y_m,{joints}"]
     rows += [
@@ -23,3 +23,7 @@ def test_a_table_becomes_a_dataset_and_a_dataset_a_lerobot_data_set(tmp_path, ca
     assert main(["export", str(casts), "--out", str(out)]) == 2
     assert "not empty" in capsys.readouterr().err
     assert main(["import", str(tmp_path / "none.csv"), "--out", str(casts)]) == 2
+    # A folder without a name of its own is exported beside itself.
+    monkeypatch.chdir(casts)
+    assert main(["export", "."]) == 0
+    assert (tmp_path / "casts-lerobot/meta/info.json").is_file()

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import os
 import pathlib
+import shlex
 from typing import TYPE_CHECKING, Annotated
 
 from cablecast.aiming.config import AimConfig
@@ -159,22 +160,26 @@ class Aim(AimConfig, _Targets):
         if evaluation is not None:
             print(f"picture   {out / REPORT_FOLDER / TRIES_FILE}")
             print(f"report    {out / REPORT_FOLDER / REPORT_FILE}")
-        same = {"rig": self.rig, "setup": self.setup, "cable": self.cable, "out": self.out}
-        same |= {
-            field.name: value
-            for field in dataclasses.fields(AimConfig)
-            if field.name in _MODEL_OPTIONS
-            and (value := getattr(self, field.name)) != field.default
-        }
-        given = "".join(
-            f" --{name.replace('_', '-')} {value}"
-            for name, value in same.items()
-            if value is not None
-        )
-        print(f"next      cablecast view{given}")
+        print(f"next      {_view_command(self)}")
         print("          shows these casts and makes more; the same command with another --target")
         print("          goes on with all that they tell of the cable")
         return 0 if result.hit.all() and not outside else EXIT_MISSED
+
+
+def _view_command(options: Aim) -> str:
+    """Return the command that opens the page on the casts and the model of a session."""
+    same = {name: getattr(options, name) for name in ("rig", "setup", "cable", "out")}
+    same |= {
+        field.name: value
+        for field in dataclasses.fields(AimConfig)
+        if field.name in _MODEL_OPTIONS and (value := getattr(options, field.name)) != field.default
+    }
+    given = "".join(
+        f" --{name.replace('_', '-')} {shlex.quote(str(value))}"
+        for name, value in same.items()
+        if value is not None
+    )
+    return f"cablecast view{given}"
 
 
 def _within_reach(
