@@ -12,12 +12,14 @@ from cablecast.data.lerobot import (
     TASKS_FILE,
     VIDEO_FILE,
     Video,
+    episodes_of,
     statistics,
 )
 from cablecast.data.record import collect_dataset
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import DatasetError, InputError
 from cablecast.pipeline.export import export_dataset
+from cablecast.pipeline.import_casts import import_casts
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
 from cablecast.vision.video import read_video, write_video
@@ -38,6 +40,37 @@ def casts(tmp_path_factory):
 @pytest.fixture(scope="module")
 def exported(casts, tmp_path_factory):
     return export_dataset(casts, tmp_path_factory.mktemp("exported") / "lerobot")
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory):
+    """Return a cast whose free end is first seen 0.52 s after its joints started to turn."""
+    joints = ",".join(f"q{k}_rad" for k in range(1, 7))
+    rows = [f"cast,time_s,x_m,y_m,{joints}"]
+    for tick in range(100):
+        xy = f"0.1,{1.0 + 0.001 * tick:.3f}" if tick >= 26 else ","
+        rows.append(f"a,{tick / 50:.2f},{xy},0,-1,1.5,-2,-1.5,{tick / 50:.2f}")
+    table = tmp_path_factory.mktemp("late") / "table.csv"
+    table.write_text("\n".join(rows) + "\n")
+    return import_casts(table, Setup())
+
+
+def test_an_episode_starts_with_a_motion_that_is_earlier_than_the_track(late):
+    track = late.track(0)
+    (episode,) = episodes_of(late, FPS)
+    # Frames stay at the times of the track: the first whole one after the start is at 0.02 s.
+    assert track.times[0] == pytest.approx(0.52)
+    turned = episode["observation.state"][:, 5]
+    assert turned == pytest.approx(0.02 + 0.1 * np.arange(len(turned)), abs=FLOAT32)
+    assert episode["observation.endpoint_seen"].tolist() == [False] * 5 + [True] * (len(turned) - 5)
+    first = np.tile(track.endpoint_xy[0], (6, 1))
+    assert episode["observation.endpoint"][:6] == pytest.approx(first, abs=FLOAT32)
+    assert episode["timestamp"] == pytest.approx(0.1 * np.arange(len(turned)))
+    # Films start with the track.
+    (filmed,) = episodes_of(late, FPS, with_films=True)
+    assert filmed["observation.state"][0, 5] == pytest.approx(0.52)
+    assert len(filmed["index"]) == len(turned) - 5
+    assert filmed["observation.endpoint_seen"].all()
 
 
 def rows_of(folder, file):

@@ -74,13 +74,14 @@ Episode = dict[str, NDArray]
 """Values of each feature of one cast, each of shape [frame, ...]."""
 
 
-def episodes_of(dataset: Dataset, fps: int) -> list[Episode]:
+def episodes_of(dataset: Dataset, fps: int, *, with_films: bool = False) -> list[Episode]:
     """Return the episode of each cast.
 
     The track is sampled every 1/fps: interpolated between the samples of the rig, and kept where
-    the endpoint was not seen. The state is the reported joints, or the commanded ones where none
-    were reported; the action is the commanded set point of the next frame, or the reported one
-    where there is none. Joints keep still after the motion.
+    the endpoint was not seen. An episode starts with the track or, without films, as many whole
+    frames earlier as the motion does: films start with the track. The state is the reported
+    joints, or the commanded ones where none were reported; the action is the commanded set point of
+    the next frame, or the reported one where there is none. Joints keep still after the motion.
 
     Raises:
         DatasetError: A cast has no track or no joints.
@@ -96,9 +97,11 @@ def episodes_of(dataset: Dataset, fps: int) -> list[Episode]:
                 f"{dataset.path or 'the dataset'} holds no joints of trial {row}: a LeRobot "
                 "episode needs them"
             )
-        count = int(np.floor((track.times[-1] - track.times[0]) * fps + 1e-6)) + 1
+        early = 0.0 if with_films else max(track.times[0] - target.times[0], 0.0)
+        lead = int(np.floor(early * fps + 1e-6))
+        count = lead + int(np.floor((track.times[-1] - track.times[0]) * fps + 1e-6)) + 1
         timestamps = np.arange(count) / fps
-        times = track.times[0] + timestamps
+        times = track.times[0] + (np.arange(count) - lead) / fps
         endpoint, seen = _resampled(track.times, track.endpoint_xy, times)
         done = np.arange(count) == count - 1
         columns = {
@@ -299,8 +302,9 @@ def _resampled(
     finite = np.all(np.isfinite(xy), axis=1)
     if not np.any(finite):
         return np.zeros((len(times), 2)), np.zeros(len(times), dtype=bool)
-    # Between two samples the endpoint counts as seen if it was in both.
+    # Between two samples the endpoint counts as seen if it was in both, before the first it is not.
     seen = np.interp(times, known, finite.astype(float)) > 1.0 - 1e-6
+    seen &= times >= known[0] - 1e-6
     resampled = np.stack([np.interp(times, known[finite], axis) for axis in xy[finite].T], axis=-1)
     last = np.maximum.accumulate(np.where(seen, np.arange(len(times)), -1))
     kept = resampled[np.maximum(last, 0)]

@@ -47,7 +47,7 @@ def export_dataset(
         raise InputError(f"{out} is not empty: --out needs a new folder")
     if films is not None:
         load_cv2()
-    episodes = episodes_of(dataset, fps)
+    episodes = episodes_of(dataset, fps, with_films=films is not None)
     out.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(out)
     part = pathlib.Path(
