@@ -104,11 +104,6 @@ QUOTED: dict[str, tuple[str, float]] = {
         "--targets 33",
         0.4,
     ),
-    "by-count": (
-        "casts --rigs virtual:4 --counts 2 10 50 --methods aim simulated fine-tuning "
-        "--cables cable_1 --targets 33 --tries 2",
-        0.5,
-    ),
     "waits": ("preparation --cables cable_1 --targets 5", 0.1),
     "arms": ("arms", 0.1),
     "reproduce": ("reproduce", 3.0),

@@ -278,7 +278,7 @@ COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.SKY)
 
 
 def draw(rows: Iterable[Mapping[str, Any]]) -> bytes:
-    """Draw misses against tries; against the number of real casts where there are several numbers.
+    """Draw misses against tries.
 
     Args:
         rows: Rows of `misses` by the names of their columns.
@@ -289,22 +289,19 @@ def draw(rows: Iterable[Mapping[str, Any]]) -> bytes:
     places: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         places.setdefault((row["rig"], row["cable"]), []).append(row)
-    by_count = len({row["casts"] for here in places.values() for row in here}) > 1
     with style.styled():
         width = max(4.0, 0.33 * style.PAGE_WIDTH * len(places))
-        figure = style.new_figure(width + 1.4 * by_count, 2.9)
+        figure = style.new_figure(width, 2.9)
         axes = figure.subplots(1, len(places), sharey=True, squeeze=False)[0]
         for axis, ((name, cable), here) in zip(axes, places.items(), strict=True):
-            (_over_counts if by_count else _over_tries)(axis, here)
+            _over_tries(axis, here)
             counts = sorted({row["targets"] for row in here})
             targets = " to ".join(str(count) for count in sorted({counts[0], counts[-1]}))
             axis.set(title=f"{cable}, {name} rig: {targets} targets")
             axis.grid(axis="y", color=style.FAINT)
-        axes[0].set(ylabel="miss [% of cable length]")
-        if by_count:
-            figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
-        else:
-            axes[0].legend()
+        # Once all is drawn: the axis is shared.
+        axes[0].set(ylabel="miss [% of cable length]", ylim=(0, None))
+        axes[0].legend()
         return style.png_bytes(figure)
 
 
@@ -316,44 +313,17 @@ def _over_tries(axis, here: list[Mapping[str, Any]]) -> None:
         tries = [row["try"] for row in own]
         low, high = ([row[name] for row in own] for name in ("q1", "q3"))
         axis.fill_between(tries, low, high, color=color, alpha=0.15, linewidth=0)
-        _medians(axis, tries, own, color, f"{key[1]}, {key[0]} casts before")
-        axis.set(xlabel="try", xticks=tries, ylim=(0, None))
-
-
-def _over_counts(axis, here: list[Mapping[str, Any]]) -> None:
-    """Draw medians with their intervals: the first try of every method, and later ones dashed."""
-    from matplotlib.ticker import LogLocator, StrMethodFormatter
-
-    counts = sorted({row["casts"] for row in here})
-    methods = dict.fromkeys(row["method"] for row in here)
-    for method, color in zip(methods, itertools.cycle(COLORS), strict=False):
-        tries = sorted({row["try"] for row in here if row["method"] == method})
-        for number in tries:
-            label = method if tries == [1] else f"{method}, try {number}"
-            own = [row for row in here if (row["method"], row["try"]) == (method, number)]
-            own.sort(key=lambda row: row["casts"])
-            at = [counts.index(row["casts"]) for row in own]
-            _medians(axis, at, own, color, label, "-" if number == 1 else "--")
-    axis.set(xlabel="real casts before the first target", yscale="log")
-    axis.set_xticks(range(len(counts)), [str(count) for count in counts])
-    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.minorticks_off()
-
-
-def _medians(axis, places, rows, color, label: str, linestyle: str = "-") -> None:
-    """Draw medians of misses, with the intervals that hold 90 % of bootstrap draws."""
-    low, middle, high = (
-        np.array([row[name] for row in rows]) for name in ("low", "median", "high")
-    )
-    axis.errorbar(
-        places,
-        middle,
-        (middle - low, high - middle),
-        marker="o",
-        markersize=4,
-        capsize=2,
-        color=color,
-        linestyle=linestyle,
-        label=label,
-    )
+        least, middle, most = (
+            np.array([row[name] for row in own]) for name in ("low", "median", "high")
+        )
+        axis.errorbar(
+            tries,
+            middle,
+            (middle - least, most - middle),
+            marker="o",
+            markersize=4,
+            capsize=2,
+            color=color,
+            label=f"{key[1]}, {key[0]} casts before",
+        )
+        axis.set(xlabel="try", xticks=tries)

@@ -70,28 +70,6 @@ def tries(result: Result) -> str:
     return Table("", columns, rows).markdown()
 
 
-def medians(result: Result) -> str:
-    """Return a row for each cable, number of casts or method, and a column for each try.
-
-    Where numbers of casts differ, each method has columns of its own.
-    """
-    records = result.table("Miss of each try").records()
-    keys = varied(records, ("rig", "cable", "casts"))
-    across = ("method", "try") if "casts" in keys else ("try",)
-    keys = keys if "casts" in keys else varied(records, ("rig", "cable", "method"))
-    heads = list(dict.fromkeys(tuple(row[name] for name in across) for row in records))
-    columns = (*keys, *(f"{method[0]}, try {n}" if method else f"try {n}" for *method, n in heads))
-    return Table("", columns, pivot(records, keys, across, heads, interval)).markdown()
-
-
-def shares(result: Result) -> str:
-    """Return how many landings of `aim` lay in the stated regions, by the number of casts."""
-    records = [r for r in result.table("Miss of each try").records() if r["in 50 %"] is not None]
-    heads = list(dict.fromkeys((row["casts"],) for row in records))
-    rows = pivot(records, ("cable", "try"), ("casts",), heads, region)
-    return Table("", ("cable", "try", *(f"{n[0]} casts" for n in heads)), rows).markdown()
-
-
 def centimetres(result: Result) -> str:
     """Return the misses of first tries and of those after one and three corrections [cm]."""
     heads = {"first try": 1, "after one correction": 2, "after three": 4}
@@ -180,11 +158,6 @@ def interval(row: dict[str, Any], unit: str = "") -> str:
     """Return a median with the interval of its bootstrap draws, where it is known."""
     text = f"{row['median']:.1f}{f' {unit}' if unit else ''}"
     return text if row["low"] is None else f"{text} ({row['low']:.1f} to {row['high']:.1f})"
-
-
-def region(row: dict[str, Any]) -> str:
-    """Return the shares of landings in the regions of 50 and 90 %."""
-    return f"{row['in 50 %']:.0f} and {row['in 90 %']:.0f} %"
 
 
 def closed_forms(result: Result) -> str:
@@ -295,8 +268,6 @@ def carries(result: Result) -> str:
 VIEWS: dict[str, Callable[[Result], str]] = {
     "effects": effects,
     "tries": tries,
-    "medians": medians,
-    "shares": shares,
     "centimetres": centimetres,
     "convergence": convergence,
     "steps": steps,
@@ -317,7 +288,6 @@ def drawn_misses(result: Result) -> bytes:
 
 FIGURES: dict[str, tuple[str, Callable[[Result], bytes]]] = {
     "docs/images/casts.png": ("five-casts", drawn_misses),
-    "docs/images/casts-by-count.png": ("by-count", drawn_misses),
 }
 """Result and drawing of each figure that is drawn from a result, by its path."""
 
