@@ -67,6 +67,12 @@ def test_nothing_is_printed_and_progress_goes_to_the_callback(folder, tmp_path, 
         assert last.done == last.total > 0
 
 
+def test_a_network_is_as_wide_as_it_is_asked_for(simulated):
+    narrow = cc.train(simulated, epochs=1, hidden_width=8, candidate_count=50).model
+    wide = cc.train(simulated, epochs=1, candidate_count=50).model
+    assert [model.weights[1][0].shape for model in (narrow, wide)] == [(8, 8), (256, 256)]
+
+
 def test_casts_are_kept_with_the_set_up_and_taken_up_by_the_same_call(casts, folder):
     assert casts.setup == SETUP
     assert len(casts) == 8

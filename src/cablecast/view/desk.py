@@ -178,9 +178,10 @@ class Desk:
         report(Progress(task="All casts with the new model"))
         # A copy, so that one that is stopped half-way leaves the session as it was.
         renewed = copy.copy(session)
-        renewed.use(model)
+        with self._lock:
+            renewed.use(model)
+            self.set_session(renewed)
         self._rehearse(renewed)
-        self.set_session(renewed)
         self.message = f"The simulator fits {renewed.fitted_count} casts now."
 
     def aim(self, target_xy: ArrayLike) -> Preview:

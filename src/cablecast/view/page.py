@@ -143,6 +143,7 @@ class Page:
         if hasattr(desk.rig, "picture"):
             self._add_camera(gui)
         self._rest: ShownCast | None = None
+        self._map_is_shown = False
         # Not the scene's own clicks: those leave out taps of a finger.
         self.stage.table.on_click(self._clicked)
         desk.rig.watch = self._watch
@@ -220,7 +221,7 @@ class Page:
             self.desk.refit(report)
             # The plan of before, and where casts could land, are those of the old model.
             self.show_rest()
-            self.stage.table.show_map(None)
+            self.show_map(self._map_is_shown)
 
         self.guard(lambda: self.worker.submit("a fit to all casts", work))
 
@@ -239,6 +240,7 @@ class Page:
                 raise InputError("no model predicts yet where casts land: get ready first")
             miss = miss_map(self.desk.session.model.policy)[1]
         self.stage.table.show_map(miss)
+        self._map_is_shown = visible
 
     # How it is shown.
 
