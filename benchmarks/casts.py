@@ -295,9 +295,7 @@ def draw(rows: Iterable[Mapping[str, Any]]) -> bytes:
         axes = figure.subplots(1, len(places), sharey=True, squeeze=False)[0]
         for axis, ((name, cable), here) in zip(axes, places.items(), strict=True):
             _over_tries(axis, here)
-            counts = sorted({row["targets"] for row in here})
-            targets = " to ".join(str(count) for count in sorted({counts[0], counts[-1]}))
-            axis.set(title=f"{cable}, {name} rig: {targets} targets")
+            axis.set(title=f"{cable}, {name} rig: {here[0]['targets']} targets")
             axis.grid(axis="y", color=style.FAINT)
         # Once all is drawn: the axis is shared.
         axes[0].set(ylabel="miss [% of cable length]", ylim=(0, None))

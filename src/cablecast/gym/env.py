@@ -1,7 +1,6 @@
 """CastEnv and CastVectorEnv: one cast per episode, for learners that speak Gymnasium."""
 
 import dataclasses
-import itertools
 import typing
 from typing import Any
 
@@ -144,15 +143,7 @@ class CastTask:
             return self.targets[rng.integers(len(self.targets), size=count)]
         workspace = self.setup.workspace
         chosen = np.empty((0, 2))
-        for draw in itertools.count():
-            if len(chosen) >= count:
-                break
-            if draw >= _DRAWS_MAX:
-                low, high = TARGET_RADII
-                raise InputError(
-                    f"this table has hardly a place {low} to {high} m from the robot within reach "
-                    "of the cable: give targets=[[x, y], ...]"
-                )
+        for _ in range(_DRAWS_MAX):
             # Uniform in area: the square of the radius is uniform.
             low, high = np.square(TARGET_RADII)
             r = np.sqrt(rng.uniform(low, high, size=count))
@@ -160,7 +151,13 @@ class CastTask:
             xy = np.stack([r * np.sin(theta), r * np.cos(theta)], axis=-1)
             near = r <= workspace.reach(self.setup.cable.length)
             chosen = np.concatenate([chosen, xy[near & workspace.on_table(xy)]])
-        return chosen[:count]
+            if len(chosen) >= count:
+                return chosen[:count]
+        low, high = TARGET_RADII
+        raise InputError(
+            f"this table has hardly a place {low} to {high} m from the robot within reach of the "
+            "cable: give targets=[[x, y], ...]"
+        )
 
     def draw_cables(self, count: int, rng: np.random.Generator) -> Array:
         """Return cables as points of the unit cube of the search space, shape [count, 10]."""
