@@ -73,28 +73,20 @@ def summarise_errors(errors_pct: ArrayLike) -> ErrorSummary:
     """
     errors = np.asarray(errors_pct, dtype=float)
     errors = np.sort(errors[~np.isnan(errors)])
+    quantiles = np.full(5, np.nan)
+    if len(errors):
+        places = np.array([0.5, 0.25, 0.75, 0.0, 1.0]) * (len(errors) - 1)
+        # Unlike np.quantile, it never gives NaN next to infinity.
+        quantiles = np.interp(places, np.arange(len(errors)), errors)
+    median, first_quartile, third_quartile, low, high = quantiles.tolist()
     return ErrorSummary(
-        count=errors.size,
-        median_pct=_quantile(errors, 0.5),
-        first_quartile_pct=_quantile(errors, 0.25),
-        third_quartile_pct=_quantile(errors, 0.75),
-        min_pct=_quantile(errors, 0.0),
-        max_pct=_quantile(errors, 1.0),
+        count=len(errors),
+        median_pct=median,
+        first_quartile_pct=first_quartile,
+        third_quartile_pct=third_quartile,
+        min_pct=low,
+        max_pct=high,
     )
-
-
-def _quantile(sorted_errors: NDArray[np.float64], fraction: float) -> float:
-    """Return a linearly interpolated quantile; unlike NumPy's, never NaN next to infinity."""
-    if sorted_errors.size == 0:
-        return math.nan
-    position = fraction * (sorted_errors.size - 1)
-    low = math.floor(position)
-    if position == low:
-        return float(sorted_errors[low])
-    below, above = sorted_errors[low], sorted_errors[low + 1]
-    if math.isinf(above):
-        return math.inf
-    return float(below + (position - low) * (above - below))
 
 
 DRAW_COUNT = 2000
