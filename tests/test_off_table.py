@@ -42,7 +42,7 @@ def test_camera_simulator_and_recordings_judge_a_cast_alike(path, status, tmp_pa
         )
         for time, (x, y) in zip(TIMES, path, strict=True):
             writer.writerow(["a", time, x, y, -0.5, 0.5, 0.6, 0.5])
-    assert read_recordings(file, SETUP)[0].status is status
+    assert read_recordings(file, SETUP)[0].cast.status is status
 
 
 def test_a_cast_that_is_not_seen_again_after_it_left_is_off_the_table():

@@ -145,7 +145,7 @@ def rows_with(x_of, times=None):
 )
 def test_the_end_of_a_cast_is_read_from_its_track(x_of, status, tmp_path):
     table = write_table(rows_with(x_of), tmp_path / "table.csv")
-    assert read_recordings(table, SETUP)[0].status is status
+    assert read_recordings(table, SETUP)[0].cast.status is status
 
 
 @pytest.mark.parametrize(
@@ -156,9 +156,10 @@ def test_the_end_of_a_cast_is_read_from_its_track(x_of, status, tmp_path):
 def test_a_marker_that_is_lost_a_moment_before_the_end_was_seen_at_rest(x_of, status, tmp_path):
     rows = rows_with(lambda t: x_of(t) if t < 0.75 else "")
     (one,) = read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP)
-    assert one.status is status
-    assert one.times[-1] == pytest.approx(0.7)
-    assert np.all(np.isfinite(one.endpoint_xy))
+    track = one.cast.track
+    assert track.status is status
+    assert track.times[-1] == pytest.approx(0.7)
+    assert np.all(np.isfinite(track.endpoint_xy))
 
 
 @pytest.mark.parametrize(
@@ -197,7 +198,7 @@ def test_a_table_may_be_larger_than_a_file_that_a_person_writes(tmp_path):
     rows = rows_with(lambda t: 0.2, np.arange(0.0, 1.4, 0.01))
     table = write_table([row | {"note": "x" * 2**17} for row in rows], tmp_path / "table.csv")
     assert table.stat().st_size > 16 * SIZE_MAX
-    assert len(read_recordings(table, SETUP)[0].times) == len(rows)
+    assert len(read_recordings(table, SETUP)[0].cast.track.times) == len(rows)
 
 
 @pytest.mark.parametrize("name", ["none.csv", "none.parquet", "broken.parquet"])
@@ -274,7 +275,7 @@ def test_a_time_without_an_end_does_not_hide_what_follows(tmp_path):
     rows[3]["time_s"] = 1e5
     lines = []
     (one,) = read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP, lines.append)
-    assert len(one.times) == len(rows) - 1
+    assert len(one.cast.track.times) == len(rows) - 1
     assert "row 4 (time 100000 s" in lines[0]
 
 
@@ -286,8 +287,8 @@ def test_joints_and_looks_of_two_files_may_follow_each_other(casts, tmp_path):
     said = []
     table = write_table(joints + looks, tmp_path / "two.csv")
     first, *_ = read_recordings(table, SETUP, report=said.append)
-    assert len(first.times) == len(casts.track(0).times)
-    assert first.times[0] == 0.0
+    assert len(first.cast.track.times) == len(casts.track(0).times)
+    assert first.cast.track.times[0] == 0.0
     assert not any("cannot be used" in line for line in said)
 
 

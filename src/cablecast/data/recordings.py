@@ -5,23 +5,23 @@ cells are empty where something was not measured at that time.
 """
 
 import bisect
-import dataclasses
 import hashlib
 import pathlib
 import re
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.base import Arm
 from cablecast.cable import Cable
-from cablecast.cast import TrialStatus
+from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.data.mocap import MocapNames
 from cablecast.errors import COUNT_MAX, InputError
 from cablecast.files import read_bytes, read_csv
 from cablecast.motion.action import Action
+from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.checked import JOINT_ANGLE_MAX
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
@@ -56,39 +56,16 @@ _UNSOUND_MAX = 0.2
 _REACH_SLACK = 0.05
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Recording:
-    """One recorded cast.
+class Recording(NamedTuple):
+    """One recorded cast, by its name in the table.
 
-    Attributes:
-        name: Name of the cast in the table.
-        times: Times of the track [s], shape [sample].
-        endpoint_xy: Endpoint [m], NaN where it was not seen, shape [sample, 2].
-        status: End of the cast.
-        joint_times: Times of the joints [s]; None where the table has none.
-        q: Joint angles [rad], shape [tick, joint].
-        grip_times: Times of the grip [s]; None where the table has none.
-        grip_poses: x, y, z [m], yaw and pitch [rad], shape [tick, 5].
-        action: (theta1, theta2, r2, psi), NaN where unknown, shape [4].
+    The reported joints are those of its track. The tracked grip, None where the table has none, has
+    times [s], shape [tick], and poses: x, y, z [m], yaw and pitch [rad], shape [tick, 5].
     """
 
     name: str
-    times: Array
-    endpoint_xy: Array
-    status: TrialStatus
-    joint_times: Array | None = None
-    q: Array | None = None
-    grip_times: Array | None = None
-    grip_poses: Array | None = None
-    action: Array
-
-    @property
-    def duration(self) -> float:
-        """Last time at which the motion was recorded [s]; the track's where it was not."""
-        for times in (self.joint_times, self.grip_times):
-            if times is not None:
-                return float(times[-1])
-        return float(self.times[-1])
+    cast: Cast
+    grip: tuple[Array, Array] | None
 
 
 def read_recordings(
@@ -328,45 +305,31 @@ def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -
     last_seen = times[seen][-1]
     if times[looks][-1] <= last_seen + _REST_TIME:
         looks &= times <= last_seen
-    joint_times, q = _group(columns, joints, motion.get(joints))
-    grip_times, grip_xy = _group(columns, GRIP_COLUMNS, motion.get(GRIP_COLUMNS))
-    if joint_times is not None and q is not None and len(q) > 1:
-        gaps = np.where(
-            np.ptp([q[:-1], q[1:]], axis=0).max(axis=1) > _STILL, np.diff(joint_times), 0
-        )
-        if gaps.max() > _GAP_MAX:
-            at = int(np.argmax(gaps))
-            raise InputError(
-                f"{where}: the joints moved unseen for {gaps[at]:.2f} s from {joint_times[at]:g} s "
-                f"on, more than {_GAP_MAX:g} s"
-            )
-    poses = None
-    if grip_times is not None and grip_xy is not None:
-        poses = _poses(columns, grip_xy, motion[GRIP_COLUMNS], setup.workspace)
-    action = np.full(4, np.nan)
-    if ACTION_COLUMNS[0] in columns:
-        stated = np.stack([columns[column] for column in ACTION_COLUMNS], axis=-1)
-        stated = stated[np.all(np.isfinite(stated), axis=1)]
-        if len(stated):
-            action = Action.from_array(stated[0]).to_array()
-    if q is None and poses is None and not np.all(np.isfinite(action)):
+    joint_path = _joint_path(where, columns, joints, motion.get(joints))
+    grip = _grip(columns, motion.get(GRIP_COLUMNS), setup.workspace)
+    action = _action(columns)
+    if joint_path is None and grip is None and not np.all(np.isfinite(action)):
         raise InputError(f"{where}: there are neither joints, nor a grip, nor an action")
-    if poses is not None and grip_times is not None:
-        _check_reach(where, times[seen], xy[seen], grip_times, poses, setup.cable)
-    elif q is not None and joint_times is not None:
-        poses_of_joints = setup.arm.grip_pose(q)
-        _check_reach(where, times[seen], xy[seen], joint_times, poses_of_joints, setup.cable)
-    return Recording(
-        name=name,
+    path = grip or (joint_path and (joint_path.times, setup.arm.grip_pose(joint_path.q)))
+    if path is not None:
+        _check_reach(where, times[seen], xy[seen], *path, setup.cable)
+    track = EndpointTrack(
         times=times[looks],
         endpoint_xy=np.where(seen[looks, None], xy[looks], np.nan),
         status=_status(times[looks], xy[looks], setup.workspace),
-        joint_times=joint_times,
-        q=q,
-        grip_times=grip_times,
-        grip_poses=poses,
-        action=action,
+        joint_path=joint_path,
     )
+    # The end of the motion, or of the track where no motion was recorded.
+    moved_times = grip[0] if grip is not None else track.times
+    moved_times = joint_path.times if joint_path is not None else moved_times
+    cast = Cast(
+        action=action,
+        duration=float(moved_times[-1]),
+        joint_path=None,
+        track=track,
+        purpose="tune",
+    )
+    return Recording(name, cast, grip)
 
 
 def _check_reach(
@@ -388,27 +351,56 @@ def _check_reach(
         )
 
 
-def _group(
-    columns: dict[str, Array], names: tuple[str, ...], known: NDArray[np.bool_] | None
-) -> tuple[Array | None, Array | None]:
-    """Return times and values of the rows in which a group of columns is known."""
+def _joint_path(
+    where: str,
+    columns: dict[str, Array],
+    names: tuple[str, ...],
+    known: NDArray[np.bool_] | None,
+) -> JointPath | None:
+    """Return the joints of the rows in which they are known; None if there are none.
+
+    Raises:
+        InputError: They moved unseen for too long.
+    """
     if known is None or not np.any(known):
-        return None, None
-    values = np.stack([columns[name][known] for name in names], axis=-1)
-    return columns[TIME_COLUMN][known], values
+        return None
+    times, q = columns[TIME_COLUMN][known], np.stack([columns[n][known] for n in names], axis=-1)
+    if len(q) == 1:
+        return JointPath(times=times, q=q, qd=np.zeros_like(q))
+    moves = np.abs(np.diff(q, axis=0)).max(axis=1) > _STILL
+    gaps = np.where(moves, np.diff(times), 0.0)
+    if gaps.max() > _GAP_MAX:
+        at = int(np.argmax(gaps))
+        raise InputError(
+            f"{where}: the joints moved unseen for {gaps[at]:.2f} s from {times[at]:g} s on, more "
+            f"than {_GAP_MAX:g} s"
+        )
+    return JointPath(times=times, q=q, qd=np.gradient(q, times, axis=0))
 
 
-def _poses(
-    columns: dict[str, Array], grip_xy: Array, known: NDArray[np.bool_], workspace: Workspace
-) -> Array:
-    """Return grip poses; a height or yaw that is missing is that of the reset."""
-    poses = np.zeros((len(grip_xy), 5))
-    poses[:, :2], poses[:, 2] = grip_xy, workspace.grip_height
-    for column, name in ((2, GRIP_OPTIONS[0]), (3, GRIP_OPTIONS[1])):
+def _grip(
+    columns: dict[str, Array], known: NDArray[np.bool_] | None, workspace: Workspace
+) -> tuple[Array, Array] | None:
+    """Return times and poses of the grip; a height or yaw that is missing is that of the reset."""
+    if known is None or not np.any(known):
+        return None
+    poses = np.zeros((np.count_nonzero(known), 5))
+    poses[:, 2] = workspace.grip_height
+    for column, name in enumerate((*GRIP_COLUMNS, *GRIP_OPTIONS)):
         if name in columns:
             values = columns[name][known]
             poses[:, column] = np.where(np.isfinite(values), values, poses[:, column])
-    return poses
+    return columns[TIME_COLUMN][known], poses
+
+
+def _action(columns: dict[str, Array]) -> Array:
+    """Return the first action that is stated, shape [4]; NaN without one."""
+    if ACTION_COLUMNS[0] in columns:
+        stated = np.stack([columns[column] for column in ACTION_COLUMNS], axis=-1)
+        stated = stated[np.all(np.isfinite(stated), axis=1)]
+        if len(stated):
+            return Action.from_array(stated[0]).to_array()
+    return np.full(4, np.nan)
 
 
 def _status(times: Array, xy: Array, workspace: Workspace) -> TrialStatus:

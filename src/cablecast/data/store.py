@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cast import Cast, EndpointTrack, Proposal
+from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, table_dataset
 from cablecast.data.schema import (
     ACTION_COLUMNS,
@@ -37,20 +37,6 @@ UNDONE_FILE = "undone.json"
 _REMEDY = "Restore it from a copy, or rename the casts after it so that the numbers have no gap"
 
 
-def track_row(action: NDArray[np.float64], duration: float, track: EndpointTrack) -> dict[str, Any]:
-    """Return the columns of a dataset that hold the action, the track and its end."""
-    return {
-        **dict(zip(ACTION_COLUMNS, action, strict=True)),
-        **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
-        "status": track.status.code,
-        "duration": duration,
-        **dict(zip(EXTENT_COLUMNS, track_extent(track.endpoint_xy[None])[0], strict=True)),
-        "times": track.times,
-        "track_x": track.endpoint_xy[:, 0],
-        "track_y": track.endpoint_xy[:, 1],
-    }
-
-
 def cast_row(cast: Cast) -> dict[str, Any]:
     """Return a cast as a row of a dataset: a value for each column of motion and track."""
     track = cast.track
@@ -60,7 +46,14 @@ def cast_row(cast: Cast) -> dict[str, Any]:
         lists = (log.times, log.target_q.ravel(), log.speed_scaling, log.safety_bits)
         reported = dict(zip(CONTROLLER_COLUMNS, lists, strict=True))
     return {
-        **track_row(cast.action, cast.duration, track),
+        **dict(zip(ACTION_COLUMNS, cast.action, strict=True)),
+        **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
+        "status": track.status.code,
+        "duration": cast.duration,
+        **dict(zip(EXTENT_COLUMNS, track_extent(track.endpoint_xy[None])[0], strict=True)),
+        "times": track.times,
+        "track_x": track.endpoint_xy[:, 0],
+        "track_y": track.endpoint_xy[:, 1],
         "joint_times": None if commanded is None else commanded.times,
         "joint_q": None if commanded is None else commanded.q.ravel(),
         "actual_times": None if actual is None else actual.times,

@@ -6,12 +6,11 @@ import pathlib
 from collections.abc import Callable
 from typing import Any
 
-from cablecast.cast import EndpointTrack
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.mocap import MocapNames
 from cablecast.data.recordings import Recording, file_digest, read_recordings
 from cablecast.data.schema import SCHEMA_VERSION
-from cablecast.data.store import track_row
+from cablecast.data.store import cast_row
 from cablecast.data.writer import DatasetWriter
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import record_run
@@ -56,7 +55,7 @@ def import_casts(
         )
         with writer:
             if not writer.was_complete:
-                rows = [_row(number, cast, rig) for number, cast in enumerate(recordings)]
+                rows = [_row(number, one, rig) for number, one in enumerate(recordings)]
                 writer.write_shard(0, {name: [row[name] for row in rows] for name in rows[0]})
                 writer.finish()
         dataset = read_dataset(folder)
@@ -65,16 +64,14 @@ def import_casts(
     return dataset
 
 
-def _row(number: int, cast: Recording, rig: dict[str, Any]) -> dict[str, Any]:
-    track = EndpointTrack(times=cast.times, endpoint_xy=cast.endpoint_xy, status=cast.status)
+def _row(number: int, recording: Recording, rig: dict[str, Any]) -> dict[str, Any]:
+    grip_times, grip_poses = recording.grip or (None, None)
     return {
         "index": number,
-        **track_row(cast.action, cast.duration, track),
+        **cast_row(recording.cast),
         "repeat": 0,
-        "actual_times": cast.joint_times,
-        "actual_q": None if cast.q is None else cast.q.ravel(),
-        "grip_times": cast.grip_times,
-        "grip_pose": None if cast.grip_poses is None else cast.grip_poses.ravel(),
+        "grip_times": grip_times,
+        "grip_pose": None if grip_poses is None else grip_poses.ravel(),
         "attempt": 0,
-        "rig": json.dumps({**rig, "cast": cast.name}, sort_keys=True, ensure_ascii=False),
+        "rig": json.dumps({**rig, "cast": recording.name}, sort_keys=True, ensure_ascii=False),
     }
