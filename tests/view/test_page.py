@@ -13,6 +13,7 @@ from cablecast.view.desk import Desk, Phase
 from cablecast.view.look import ShownCast
 from cablecast.view.page import Page, shrunk
 from cablecast.view.scene import LIFT
+from cablecast.view.words import try_name
 from cablecast.view.worker import Worker
 
 pytest.importorskip("viser")
@@ -66,7 +67,7 @@ def test_point_cast_correct_replay_undo(page, drawn):
     page.correct()
     page.worker.drain()
     assert [one.try_number for one in desk.tries] == [1, 2]
-    page.replay(desk.tries[0].number)
+    page.replay(try_name(desk.tries[0]))
     assert page.stage.player.duration == pytest.approx(ShownCast.of_cast(desk.tries[0]).duration)
     page.undo()
     assert "taken back" in desk.message

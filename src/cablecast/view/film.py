@@ -163,10 +163,12 @@ class Painter:
         image = self._backdrop.copy()
         pen = ImageDraw.Draw(image, "RGBA")
         if shot.target_xy is not None:
-            self._mark_target(pen, shot.target_xy)
+            for segment in target_marks(shot.target_xy, 0.0):
+                self._line(pen, segment, VERMILLION, 1.6)
         for earlier in tries or []:
             self._dot(pen, np.append(earlier.cast.endpoint_xy[-1], 0.01), 0.012, (123, 135, 148))
-        self._trail(pen, shot.cast.trail(time), BLUE)
+        if len(trail := shot.cast.trail(time)) > 1:
+            self._line(pen, level(trail, 0.002), (*BLUE, 110), 1.2)
         nodes, q = shot.cast.nodes_at(time), shot.cast.joints_at(time)
         self._cast_shadow(image, nodes, q)
         if shot.other is not None:
@@ -246,15 +248,6 @@ class Painter:
         self._polygon(ImageDraw.Draw(table), self._table_top(), _SHADOW)
         image.paste((20, 18, 16), mask=ImageChops.darker(mask, table))
 
-    def _trail(self, pen: Any, points: Array, color: Color) -> None:
-        if len(points) > 1:
-            path = self._view.to_image(level(points, 0.002))
-            pen.line([tuple(p) for p in path], fill=(*color, 110), width=round(1.2 * _SAMPLES))
-
-    def _mark_target(self, pen: Any, xy: Array) -> None:
-        for segment in target_marks(xy, 0.0):
-            self._line(pen, segment, VERMILLION, 1.6)
-
     def _mark_miss(self, pen: Any, shot: Shot) -> None:
         landed = shot.cast.endpoint_xy[-1]
         if shot.target_xy is None or not np.all(np.isfinite(landed)):
@@ -290,8 +283,8 @@ class Painter:
             for (x, y), size in zip(path, sizes, strict=True):
                 pen.ellipse([x - size, y - size, x + size, y + size], fill=fill)
 
-    def _line(self, pen: Any, segment: Array, color: Color, width: float) -> None:
-        path = self._view.to_image(segment)
+    def _line(self, pen: Any, points: Array, color: tuple[int, ...], width: float) -> None:
+        path = self._view.to_image(points)
         pen.line([tuple(p) for p in path], fill=color, width=max(1, round(width * _SAMPLES)))
 
     def _polygon(self, pen: Any, points: Array, color: Any) -> None:

@@ -220,10 +220,9 @@ class Collection:
 
     def shot(self, index: int, engine: Engine) -> Shot:
         """Return a cast to be filmed: as it was seen, beside the simulator."""
-        check_count("cast", index, 0, len(self) - 1)
+        measured = self.measured(index)
         target, label = self.target_xy[index], self.labels[index]
         target_xy = target if np.all(np.isfinite(target)) else None
-        measured = self.measured(index)
         if measured is None:
             simulated = self.simulated(index, engine, self.tuned)
             return Shot(cast=simulated, target_xy=target_xy, caption=label, result=label)

@@ -45,9 +45,6 @@ from cablecast.view.worker import Work, Worker, WorkState
 if TYPE_CHECKING:
     import viser
 
-HOST = "127.0.0.1"
-PORT = 8080
-
 WIDE = 1.3
 """Pictures of the scene at least this wide for their height see the table from one place."""
 
@@ -108,8 +105,8 @@ class Page:
         prepare: Work,
         folder: pathlib.Path,
         *,
-        host: str = HOST,
-        port: int = PORT,
+        host: str = "127.0.0.1",
+        port: int,
         meshes: ArmMeshes | None = None,
         rate: float = 25.0,
     ):
@@ -180,10 +177,6 @@ class Page:
             self.show_rest()
             self.stage.table.clear()
 
-    def aim_elsewhere(self) -> None:
-        """Choose another target, which simulated casts reach."""
-        self.guard(lambda: self.aim(self.desk.other_target()))
-
     def aim_polar(self, r: float, theta_deg: float) -> None:
         """Choose a target by its distance [m] and its angle [deg]."""
         self.aim(polar_to_xy([r, np.radians(theta_deg)]))
@@ -225,10 +218,10 @@ class Page:
 
         self.guard(lambda: self.worker.submit("a fit to all casts", work))
 
-    def replay(self, number: int) -> None:
-        """Show a cast of the session again, by its number."""
+    def replay(self, name: str) -> None:
+        """Show a try again, by its name in the list."""
         for one in self.desk.tries:
-            if one.number == number:
+            if try_name(one) == name:
                 self._mark(one.target_xy)
                 self.stage.play({"measured": ShownCast.of_cast(one)})
 
@@ -372,7 +365,7 @@ class Page:
         correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
         correct.on_click(lambda event: self._confirm(event, self.correct))
         other = gui.add_button("Another target", color="blue", icon="target")
-        other.on_click(lambda _: self.aim_elsewhere())
+        other.on_click(lambda _: self.guard(lambda: self.aim(desk.other_target())))
         anyway = gui.add_button("Cast all the same", color=SLATE)
         anyway.on_click(
             lambda event: self._confirm(
@@ -399,17 +392,12 @@ class Page:
             table = gui.add_markdown("")
             chosen = gui.add_dropdown("Try", ("-",))
             replay = gui.add_button("Replay", color=SLATE, icon="repeat")
+            replay.on_click(lambda _: self.guard(lambda: self.replay(str(chosen.value))))
             undo = gui.add_button("Undo the last try", color=SLATE, icon="arrow-back-up")
             undo.on_click(lambda _: self.undo())
             due = gui.add_markdown("", visible=False)
             refit = gui.add_button("Fit to all casts", color=SLATE, icon="refresh")
             refit.on_click(lambda _: self.refit())
-
-        @replay.on_click
-        def _(event: Any) -> None:
-            for one in desk.tries:
-                if try_name(one) == chosen.value:
-                    self.guard(lambda number=one.number: self.replay(number))
 
         def refresh() -> None:
             phase, state, preview = desk.phase, worker.state, desk.preview

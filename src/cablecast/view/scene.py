@@ -411,13 +411,11 @@ class Table:
     def set_sight(self, sight: CameraSight | None) -> None:
         """Mark the places on the table that the camera is blind at, where they are known."""
         blind = () if sight is None else sight.blind
-        if blind != self._blind:
-            self._blind = blind
-            self._draw_blind()
-
-    def _draw_blind(self) -> None:
+        if blind == self._blind:
+            return
+        self._blind = blind
         self._server.scene.remove_by_name("/room/blind")
-        for number, (x, y, radius) in enumerate(self._blind):
+        for number, (x, y, radius) in enumerate(blind):
             name = f"/room/blind/{number}"
             hatch = hatched_circle((x, y), radius, LIFT)
             self._lines(f"{name}/hatch", hatch, JOINT, 1.0)
@@ -462,8 +460,7 @@ class Table:
                 text += f":  {one.miss_pct * cable_length:.1f} cm, {one.miss_pct:.1f} %"
             if is_last or np.any(np.abs(_text_xy(one) - _text_xy(trials[-1])) > _TEXT_ROOM):
                 place = (*map(float, _text_xy(one)), _TEXT_LIFT)
-                plate = WHITE
-                self._text(f"{name}/label", text, place, color, _TEXT_HEIGHT, plate)
+                self._text(f"{name}/label", text, place, color, _TEXT_HEIGHT, WHITE)
 
     def show_map(self, miss: Array | None) -> None:
         """Lay a map of expected misses on the table, below the lines; take it away where None."""
@@ -496,14 +493,13 @@ class Table:
         self,
         name: str,
         text: str,
-        position: tuple[float, ...],
-        color: Color | None = None,
+        position: tuple[float, float, float],
+        color: Color = INK,
         height: float = 0.08,
         plate: Color | None = None,
     ) -> None:
         """Lay a line of text on the table, to be read from the robot's side."""
-        image = text_image(text, color or INK, plate)
-        x, y, z = position
+        image = text_image(text, color, plate)
         self._server.scene.add_image(
             name,
             image,
@@ -511,7 +507,7 @@ class Table:
             height,
             format="png",
             wxyz=_FLAT,
-            position=(x, y, z),
+            position=position,
             cast_shadow=False,
             receive_shadow=False,
         )

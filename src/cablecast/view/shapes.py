@@ -308,11 +308,9 @@ def map_image(miss: Array, setup: Setup) -> NDArray[np.uint8]:
         for values in (known, np.nan_to_num(miss))
     )
     table, length = setup.workspace, setup.cable.length
-    at = 2.0 * np.clip(sums / np.maximum(weight, 1e-9) / (MAP_FULL_SHARE * length), 0.0, 1.0)
-    low = np.clip(at.astype(int), 0, 1)
-    part = (at - low)[..., None]
-    colors = (1.0 - part) * MAP_COLORS[low] + part * MAP_COLORS[low + 1]
-    rows, columns = at.shape
+    share = sums / np.maximum(weight, 1e-9) / (MAP_FULL_SHARE * length)
+    colors = np.stack([np.interp(share, (0.0, 0.5, 1.0), c) for c in MAP_COLORS.T], axis=-1)
+    rows, columns = share.shape
     y = np.linspace(table.y_min, table.y_max, rows)[:, None, None]
     x = np.linspace(-table.half_width, table.half_width, columns)[None, :, None]
     seen = np.hypot(x, y) <= table.reach(length)

@@ -45,16 +45,14 @@ class WorkState:
 class Worker:
     """Runs one piece of work at a time.
 
-    Args:
-        notify: Called, in the worker's thread, whenever the state has changed.
-
     Attributes:
         state: Work under way, or the end of the last one.
+        notify: Called, in the worker's thread, whenever the state has changed.
     """
 
-    def __init__(self, notify: Callable[[], None] | None = None):
+    def __init__(self):
         self.state = WorkState()
-        self.notify = notify or (lambda: None)
+        self.notify: Callable[[], None] = lambda: None
         self._lock = threading.Lock()
         self._thread = threading.current_thread()
         self._queue: queue.SimpleQueue[Work] = queue.SimpleQueue()
