@@ -2,7 +2,6 @@ import re
 
 import pytest
 
-from cablecast.cli import progress as progress_module
 from cablecast.cli.progress import console_progress
 from cablecast.runs.progress import Progress, duration_text
 
@@ -11,7 +10,7 @@ from cablecast.runs.progress import Progress, duration_text
 def clock(monkeypatch):
     """Return a clock that stands still unless a test sets it [s]."""
     now = [100.0]
-    monkeypatch.setattr(progress_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
     return now
 
 

@@ -1,10 +1,9 @@
 """`cablecast evaluate`: cast at the 32 targets and report the errors."""
 
-import contextlib
 import dataclasses
 import pathlib
 import typing
-from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cablecast.cli.options import Device, Method, TimeLimit, argument
@@ -80,10 +79,9 @@ class Evaluate:
         print(f"report   {out / REPORT_FILE}")
 
     def _policy(self) -> "Policy":
-        from cablecast.cli.options import cable_name, check_same_setup, load_lab, with_instruments
+        from cablecast.cli.options import load_lab, load_policy
         from cablecast.errors import InputError
-        from cablecast.learning.policy import ForwardSearchPolicy, PolarCastingPolicy
-        from cablecast.runs.places import find_input
+        from cablecast.learning.policy import PolarCastingPolicy
 
         if self.policy == "polar":
             if self.model is not None:
@@ -91,29 +89,22 @@ class Evaluate:
                     f"--policy polar takes no model, but --model {self.model} is given"
                 )
             return PolarCastingPolicy(setup=load_lab(self.setup, self.cable))
-        folder = find_input("model", self.model, cable_name(self.setup, self.cable))
-        policy = ForwardSearchPolicy.load(folder)
-        check_same_setup(self.setup, self.cable, policy.setup, folder)
-        return policy.in_lab(with_instruments(policy.setup, self.setup))
+        return load_policy(self.model, self.setup, self.cable)
 
-    @contextlib.contextmanager
-    def _rig(self, policy: "Policy", out: pathlib.Path) -> "Iterator[CheckedRig]":
-        """Yield the rig; "engine" is the simulator of the model's training casts."""
+    def _rig(self, policy: "Policy", out: pathlib.Path) -> "AbstractContextManager[CheckedRig]":
+        """Return the rig; "engine" is the simulator of the model's training casts."""
         from cablecast.cli.options import open_rig, with_instruments
         from cablecast.errors import InputError
         from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.evaluate import engine_rig
 
         if self.rig == "engine" and isinstance(policy, ForwardSearchPolicy):
-            with engine_rig(policy.model, self.device, self.engine) as rig:
-                yield rig
-            return
+            return engine_rig(policy.model, self.device, self.engine)
         if self.engine is not None and self.rig != "engine":
             raise InputError(f"--engine {self.engine} is the simulator of --rig engine")
         spec = f"engine:{self.engine}" if self.engine is not None else self.rig
         setup = with_instruments(policy.setup, self.setup)
-        with open_rig(spec, setup, self.seed, out, self.time_limit) as rig:
-            yield rig
+        return open_rig(spec, setup, self.seed, out, self.time_limit)
 
 
 def print_table(metrics: dict[str, Any], published: Any) -> None:

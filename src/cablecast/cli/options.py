@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from cablecast.learning.policy import ForwardSearchPolicy
     from cablecast.rigs.checked import CheckedRig
     from cablecast.setup import Setup
 
@@ -207,6 +208,19 @@ def with_instruments(setup: "Setup", lab_file: pathlib.Path | None) -> "Setup":
     lab = load_lab(lab_file, None)
     arm = dataclasses.replace(setup.arm, measured=lab.arm.measured)
     return dataclasses.replace(setup, arm=arm, robot=lab.robot, camera=lab.camera)
+
+
+def load_policy(
+    model: pathlib.Path | None, lab_file: pathlib.Path | None, cable: str | None
+) -> "ForwardSearchPolicy":
+    """Return the policy of --model, for the robot and the camera of --setup."""
+    from cablecast.learning.policy import ForwardSearchPolicy
+    from cablecast.runs.places import find_input
+
+    folder = find_input("model", model, cable_name(lab_file, cable))
+    policy = ForwardSearchPolicy.load(folder)
+    check_same_setup(lab_file, cable, policy.setup, folder)
+    return policy.in_lab(with_instruments(policy.setup, lab_file))
 
 
 @contextlib.contextmanager

@@ -39,16 +39,14 @@ class PlanVerb(TargetOptions):
 
     def run(self) -> int:
         """Plan, print, and save if asked to; return the exit status."""
-        from cablecast.cli.options import cable_name, check_same_setup, load_lab, with_instruments
+        from cablecast.cli.options import load_lab, load_policy
         from cablecast.errors import InputError, check_number
-        from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.plan import (
             check_measured,
             check_writable,
             plan_motion,
             save_motion,
         )
-        from cablecast.runs.places import find_input
 
         check_number("miss_max", self.miss_max, 0.0, 1e4, "%")
         if not self.target and not self.target_xy:
@@ -57,10 +55,7 @@ class PlanVerb(TargetOptions):
         if self.save is not None:
             check_measured(lab)
             check_writable(self.save, self.force)
-        folder = find_input("model", self.model, cable_name(self.setup, self.cable))
-        policy = ForwardSearchPolicy.load(folder)
-        check_same_setup(self.setup, self.cable, policy.setup, folder)
-        policy = policy.in_lab(with_instruments(policy.setup, self.setup))
+        policy = load_policy(self.model, self.setup, self.cable)
         target_xy = self.targets(policy.setup, most=1)[0]
         plan = plan_motion(policy, target_xy=target_xy, method=self.method)
         path = plan.trajectories[0].joint_path

@@ -1,7 +1,6 @@
 """Progress on standard error: bars on a terminal, plain lines elsewhere."""
 
 import contextlib
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -69,23 +68,13 @@ class _Lines:
     def __init__(self, file: Any):
         self._file = file
         self._pace = Pace()
-        self._last = -_LINE_EVERY
 
     def show(self, progress: Progress) -> None:
         """Write a line for a report, unless one was written a moment ago."""
-        now = time.monotonic()
-        if not progress.total:
-            self._write(self._pace.line(progress))
+        if not self._pace.is_due(progress, _LINE_EVERY):
             return
-        is_first, is_last = self._pace.starts(progress), progress.done == progress.total
-        if not (is_first or is_last) and now - self._last < _LINE_EVERY:
-            return
-        self._last = now
-        self._write(self._pace.line(progress))
-
-    def _write(self, line: str) -> None:
         try:
-            print(line, file=self._file, flush=True)
+            print(self._pace.line(progress), file=self._file, flush=True)
         except BrokenPipeError:
             raise
         except OSError:

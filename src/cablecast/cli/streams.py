@@ -28,10 +28,10 @@ def say(line: str) -> None:
     drain(sys.stderr)
 
 
-def drain(stream: TextIO) -> bool:
-    """Write what a stream still holds, and return whether it could.
+def drain(stream: TextIO) -> None:
+    """Write what a stream still holds.
 
-    What it could not write goes nowhere: Python would complain of it at the very end.
+    What it cannot write goes nowhere: Python would complain of it at the very end.
     """
     try:
         stream.flush()
@@ -40,8 +40,6 @@ def drain(stream: TextIO) -> bool:
             handle = os.open(os.devnull, os.O_WRONLY)
             os.dup2(handle, stream.fileno())
             os.close(handle)
-        return False
-    return True
 
 
 def _open_descriptor(number: int) -> None:

@@ -57,9 +57,5 @@ class View(AimConfig):
                 host=self.host,
                 port=self.port,
                 arm_meshes=self.arm_meshes,
-                ready=_announce,
+                ready=lambda at: print(f"the page is at {at} (Ctrl-C ends it)", flush=True),
             )
-
-
-def _announce(address: str) -> None:
-    print(f"the page is at {address} (Ctrl-C ends it)", flush=True)

@@ -58,6 +58,7 @@ class Pace:
     def __init__(self):
         # Time and units done at the first report, which a resumed run found done, and units done.
         self._tasks: dict[str, tuple[float, int, int]] = {}
+        self._shown = -math.inf
 
     def starts(self, progress: Progress) -> bool:
         """Take note of a report, and return whether its task starts with it.
@@ -72,6 +73,17 @@ class Pace:
         self._tasks[progress.task] = (start, first, done)
         return starts
 
+    def is_due(self, progress: Progress, every: float) -> bool:
+        """Take note of a report, and return whether to show it: at most one in some time [s].
+
+        An announcement, and the first and the last report of a task, are always due.
+        """
+        starts, now = progress.total > 0 and self.starts(progress), time.monotonic()
+        if not starts and progress.done != progress.total and now - self._shown < every:
+            return False
+        self._shown = now
+        return True
+
     def seconds(self, progress: Progress) -> float:
         """Return the time since the start of a report's task [s]."""
         return time.monotonic() - self._tasks[progress.task][0]
@@ -84,7 +96,7 @@ class Pace:
         return self.seconds(progress) / (done - first) * (progress.total - done)
 
     def line(self, progress: Progress) -> str:
-        """Return a line for a report that `starts` has noted, with the expected end."""
+        """Return a line for a report that was taken note of, with the expected end."""
         if not progress.total:
             return f"{progress.task}: {progress.note}" if progress.note else progress.task
         parts = [f"{self.seconds(progress):.0f} s"]
@@ -104,18 +116,15 @@ class _Line:
 
     def __init__(self):
         self._pace = Pace()
-        self._last = -math.inf
 
     def show(self, progress: Progress) -> None:
         """Show a report, unless one of the same task was shown a moment ago."""
-        stream, now = sys.stderr, time.monotonic()
+        stream = sys.stderr
         if stream is None or not (stream.isatty() or type(stream).__module__ == _NOTEBOOK):
             return
-        starts = progress.total > 0 and self._pace.starts(progress)
-        ends = progress.done == progress.total
-        if not (starts or ends) and now - self._last < self._EVERY:
+        if not self._pace.is_due(progress, self._EVERY):
             return
-        self._last = now
+        ends = progress.done == progress.total
         width = shutil.get_terminal_size().columns - 1
         # The next line, whoever writes it, begins where this one does.
         stream.write(f"{self._pace.line(progress)[:width]:{width}}" + ("\n" if ends else "\r"))
