@@ -47,6 +47,8 @@ from cablecast.setup import Setup
 
 Kind = typing.Literal["tune", "real", "repeat", "evaluate"]
 
+REPEAT_MAX = 100_000
+
 # More than a row of a long trial takes: 5 s of six joints at 500 Hz are 140 kB.
 _ROW_BYTES_MAX = 2**20
 _RESERVE_NAME = ".reserve.tmp"
@@ -79,7 +81,7 @@ class TrialPlan:
     keep_nodes: bool = False
 
     def __post_init__(self):
-        check_count("repeats", self.repeats, high=100_000)
+        check_count("repeats", self.repeats, high=REPEAT_MAX)
         check_count("attempts", self.attempts, high=1000)
 
     @property

@@ -14,7 +14,7 @@ from cablecast.cast import Cast, TrialStatus
 from cablecast.conventions import finite_or_none, xy_to_polar
 from cablecast.data.record import TrialPlan, record_trials
 from cablecast.data.store import dataset_cast
-from cablecast.errors import InputError, check_count
+from cablecast.errors import InputError
 from cablecast.files import write_csv
 from cablecast.learning.policy import Policy
 from cablecast.motion.trajectory import Trajectory
@@ -253,7 +253,6 @@ def evaluate_policy(
         RigError: A cast failed too often.
         DatasetError: The folder holds other casts.
     """
-    check_count("repeats", repeats, high=100_000)
     setup = policy.setup
     target_xy = setup.workspace.check_targets(targets, cable_length=setup.cable.length)
     plan = policy.plan(target_xy)

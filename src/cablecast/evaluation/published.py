@@ -47,10 +47,10 @@ def published_rows(cable_name: str) -> tuple[PublishedRow, ...]:
     return tuple(row for row in PUBLISHED_ROWS if row.cable == cable_name)
 
 
-def published_row(cable_name: str, method: str = BEST_METHOD) -> PublishedRow | None:
-    """Return the paper's row for a cable and a method of `METHOD_NAMES`; None if there is none."""
-    rows = (row for row in published_rows(cable_name) if row.method == METHOD_NAMES[method])
-    return next(rows, None)
+def published_row(cable_name: str) -> PublishedRow | None:
+    """Return the row of the paper's best method for a cable; None if there is none."""
+    best = METHOD_NAMES[BEST_METHOD]
+    return next((row for row in published_rows(cable_name) if row.method == best), None)
 
 
 class PublishedTuning(NamedTuple):

@@ -18,7 +18,7 @@ from cablecast.cable import Cable
 from cablecast.cast import TrialStatus
 from cablecast.conventions import Ellipse, finite_or_none
 from cablecast.data.dataset import Dataset
-from cablecast.data.record import collect_dataset
+from cablecast.data.record import REPEAT_MAX, collect_dataset
 from cablecast.errors import DatasetError, check_count, check_seed
 from cablecast.evaluation.evaluate import rounded_cells
 from cablecast.files import write_csv
@@ -48,7 +48,6 @@ def confidence_ellipse(xy: ArrayLike) -> Ellipse | None:
 
 REPEAT_COUNT = 5
 """Number of casts of each action in the paper (section V-E)."""
-REPEAT_MAX = 100_000
 REPEAT_GRID = (5, 5, 5)
 """Number of values of theta1, theta2 and r2 for the repeated actions of A1 (section V-E)."""
 REPEAT_GRID_PSI = (3, 3, 3, 3)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import CableParams
 from cablecast.cast import TrialStatus
-from cablecast.conventions import side_of
+from cablecast.conventions import mirror_xy, polar_to_xy, side_of
 from cablecast.data.simulate import simulate_actions
 from cablecast.engines import make_engine
 from cablecast.errors import (
@@ -148,7 +148,7 @@ class CastTask:
             low, high = np.square(TARGET_RADII)
             r = np.sqrt(rng.uniform(low, high, size=count))
             theta = rng.uniform(-TARGET_ANGLE_MAX, TARGET_ANGLE_MAX, size=count)
-            xy = np.stack([r * np.sin(theta), r * np.cos(theta)], axis=-1)
+            xy = polar_to_xy(np.stack([r, theta], axis=-1))
             near = r <= workspace.reach(self.setup.cable.length)
             chosen = np.concatenate([chosen, xy[near & workspace.on_table(xy)]])
             if len(chosen) >= count:
@@ -230,7 +230,7 @@ class CastTask:
         """Return points as seen when the target is on the right, if actions are seen so."""
         if self.action_form == "raw":
             return xy
-        return np.where(target_xy[:, :1] < 0, xy * np.array([-1.0, 1.0]), xy)
+        return mirror_xy(xy, side_of(target_xy))
 
 
 def feasible_mask(actions: Array, setup: Setup) -> NDArray[np.bool_]:
@@ -288,19 +288,20 @@ class _Casts:
         # Casts at the target so far; at `tries` the next episode draws a new one.
         self.done = np.full(count, self.task.tries)
 
-    def reset(
-        self, rng: np.random.Generator, seed: int | None, options: dict[str, Any] | None
+    def start(
+        self,
+        rng: np.random.Generator,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,
     ) -> Observation:
-        """Start the next episode of each environment; with a seed, at new targets."""
-        if seed is not None:
-            self.done[:] = self.task.tries
-        return self.start(rng, (options or {}).get("target_xy"))
-
-    def start(self, rng: np.random.Generator, target_xy: ArrayLike | None = None) -> Observation:
         """Start the next episode of each environment, with a new target where it is due.
 
-        Targets [m] are one for all or one of each, shape [2] or [count, 2]; drawn where None.
+        With a seed it is due in all of them. `target_xy` [m] of the options is one target for all
+        or one of each, shape [2] or [count, 2]; targets are drawn without it.
         """
+        target_xy = (options or {}).get("target_xy")
+        if seed is not None:
+            self.done[:] = self.task.tries
         fresh = self.done >= self.task.tries
         # Drawn for all, so that the n-th draw does not depend on which of them are due.
         targets = self.task.draw_targets(self.count, rng)
@@ -416,7 +417,7 @@ class CastEnv(gymnasium.Env):
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode; with a seed, at a new target."""
         super().reset(seed=seed)
-        observation = self._casts.reset(self.np_random, seed, options)[0]
+        observation = self._casts.start(self.np_random, seed, options)[0]
         return observation, {"target_xy": self._casts.target_xy[0].copy()}
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -487,7 +488,7 @@ class CastVectorEnv(gymnasium.vector.VectorEnv):
         first = seed[0] if isinstance(seed, (list, tuple)) else seed
         super().reset(seed=first)
         self._ended = False
-        observations = self._casts.reset(self.np_random, first, options)
+        observations = self._casts.start(self.np_random, first, options)
         return observations, self._targets()
 
     def _targets(self) -> dict[str, Any]:

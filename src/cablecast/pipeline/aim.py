@@ -354,7 +354,9 @@ def _later_model(
             f"{learning.folder / FITS_FOLDER} has a fit to {newest[0]} casts, but the session has "
             f"{len(store)}"
         )
-    return learning(store, progress) if fit_all else learning.kept(progress)
+    if newest is None or fit_all:
+        return learning(store, progress)
+    return learning.kept(*newest, progress)
 
 
 class _Learning:
@@ -388,36 +390,32 @@ class _Learning:
 
     def __call__(self, store: CastStore, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit; see `Refitting`."""
-        folder = self._fit_folder(len(store), len(store.undone))
+        name = f"{len(store):05d}-{len(store.undone):05d}"
+        folder = self.folder and self.folder / FITS_FOLDER / name
         tuned = self.fit(store.dataset(), folder, progress, validation_count=0)
         policy = self._policy(tuned, folder, progress)
         return FittedModel(policy=policy, tuned=tuned, fitted_count=len(store))
 
-    def kept(self, progress: ProgressCallback) -> FittedModel:
-        """Return the model of the newest later fit that is finished."""
-        newest = self.newest_fit()
-        folder = None if newest is None else self._fit_folder(*newest)
-        if newest is None or folder is None:
-            raise InputError("there is no later fit")
-        progress(Progress(task=f"2/4 fit to {newest[0]} casts", note=DONE_NOTE))
+    def kept(self, count: int, folder: pathlib.Path, progress: ProgressCallback) -> FittedModel:
+        """Return the model of a later fit to so many casts that is finished."""
+        progress(Progress(task=f"2/4 fit to {count} casts", note=DONE_NOTE))
         tuned = load_tuned(folder / TUNE_FOLDER, self.setup)
         policy = self._policy(tuned, folder, progress)
-        return FittedModel(policy=policy, tuned=tuned, fitted_count=newest[0])
+        return FittedModel(policy=policy, tuned=tuned, fitted_count=count)
 
-    def newest_fit(self) -> tuple[int, int] | None:
-        """Return the casts, and those of them taken back, of the newest finished later fit."""
+    def newest_fit(self) -> tuple[int, pathlib.Path] | None:
+        """Return the number of casts and the folder of the newest finished later fit."""
         if self.folder is None:
             return None
         finished = f"{FITS_FOLDER}/*/{MODEL_FOLDER}/{METRICS_FILE}"
         names = [file.parts[-3] for file in self.folder.glob(finished)]
         # A copy that somebody kept beside them is none.
         names = [name for name in names if re.fullmatch(r"\d{5,}-\d{5,}", name)]
+        if not names:
+            return None
         # Casts are only ever added and taken back, so more of either came later.
-        counts = [tuple(int(count) for count in name.split("-")) for name in names]
-        return max(((count, undone) for count, undone in counts), default=None)
-
-    def _fit_folder(self, count: int, undone: int) -> pathlib.Path | None:
-        return self.folder and self.folder / FITS_FOLDER / f"{count:05d}-{undone:05d}"
+        newest = max(names, key=lambda name: [int(count) for count in name.split("-")])
+        return int(newest.partition("-")[0]), self.folder / FITS_FOLDER / newest
 
     def fit(
         self,

@@ -6,6 +6,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from cablecast.data.record import REPEAT_MAX
 from cablecast.engines import EngineName, engine_name, make_engine
 from cablecast.errors import InputError, check_count, says_what_it_takes
 from cablecast.evaluation.evaluate import (
@@ -30,8 +31,6 @@ TRIALS_FILE = "trials.csv"
 LANDINGS_FILE = "landings.png"
 REPORT_FILE = "report.html"
 CASTS_FOLDER = "casts"
-
-_REPEATS_MAX = 100_000
 
 
 @says_what_it_takes
@@ -122,7 +121,7 @@ def check_evaluate(
             work.
         MissingExtraError: A report is to be written, and matplotlib or jinja2 is missing.
     """
-    check_count("repeats", repeats, high=_REPEATS_MAX)
+    check_count("repeats", repeats, high=REPEAT_MAX)
     if out is not None:
         require("the report", "matplotlib", "jinja2")
         refuse_other_work(out, "evaluate")

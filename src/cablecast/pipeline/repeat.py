@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.conventions import Array
 from cablecast.data.dataset import read_dataset
+from cablecast.data.record import REPEAT_MAX
 from cablecast.errors import (
     DamagedFileError,
     DatasetError,
@@ -23,7 +24,6 @@ from cablecast.errors import (
 )
 from cablecast.evaluation.repeatability import (
     REPEAT_COUNT,
-    REPEAT_MAX,
     Repeatability,
     measure_repeatability,
     repeat_actions,

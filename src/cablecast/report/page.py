@@ -130,40 +130,32 @@ def _sources(model: Mapping[str, Any]) -> str:
     return " and ".join(f"{count:,} {kind}" for kind, count in counts.items() if count)
 
 
-def _summary_rows(summaries: Mapping[str, ErrorSummary]) -> list[Row]:
-    return [
-        make_row(name, str(summary.count), *five_cells(summary.to_dict()))
-        for name, summary in summaries.items()
-    ]
+def _summary_row(name: str, summary: ErrorSummary, kind: str = "") -> Row:
+    return make_row(name, str(summary.count), *five_cells(summary.to_dict()), kind=kind)
 
 
 def _error_table(evaluation: Evaluation, rig_name: str, paper: list[Row]) -> Table:
-    inside = int(np.sum(evaluation.inside_coverage))
-    first, *others = _summary_rows(
-        {
-            f"{rig_name}: all targets": evaluation.summary,
-            f"{rig_name}: the {inside} targets inside the simulated coverage": (
-                evaluation.summary_inside_coverage
-            ),
-            f"{rig_name}: all targets, casts without a landing counted as misses": (
-                evaluation.summary_misses_counted
-            ),
-        }
+    inside = f"the {np.sum(evaluation.inside_coverage)} targets inside the simulated coverage"
+    missed = "all targets, casts without a landing counted as misses"
+    rows = (
+        _summary_row(f"{rig_name}: all targets", evaluation.summary, "ours"),
+        _summary_row(f"{rig_name}: {inside}", evaluation.summary_inside_coverage),
+        _summary_row(f"{rig_name}: {missed}", evaluation.summary_misses_counted),
+        *paper,
     )
-    rows = (make_row(*first.cells, kind="ours"), *others, *paper)
     return Table(title="", heads=("", "casts", *FIVE_HEADS), rows=rows)
 
 
 def _part_table(evaluation: Evaluation) -> Table:
-    rows = _summary_rows(
-        {
-            "from target to planned landing": summarise_errors(evaluation.planned_errors_pct),
-            "from planned to actual landing": summarise_errors(evaluation.prediction_errors_pct),
-            "from target to actual landing": evaluation.summary,
-        }
+    planned = summarise_errors(evaluation.planned_errors_pct)
+    missed = summarise_errors(evaluation.prediction_errors_pct)
+    rows = (
+        _summary_row("from target to planned landing", planned),
+        _summary_row("from planned to actual landing", missed),
+        _summary_row("from target to actual landing", evaluation.summary),
     )
     heads = ("distance [% of cable length]", "casts", *FIVE_HEADS)
-    return Table(title="", heads=heads, rows=tuple(rows))
+    return Table(title="", heads=heads, rows=rows)
 
 
 def _player_data(evaluation: Evaluation) -> dict[str, Any]:

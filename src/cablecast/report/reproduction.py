@@ -27,7 +27,7 @@ from cablecast.evaluation.published import (
 from cablecast.files import read_csv, read_json
 from cablecast.report.curves import error_boxes
 from cablecast.report.maps import coverage_figure, ellipse_map
-from cablecast.report.page import run_settings, template_environment
+from cablecast.report.page import SettingsLists, run_settings, template_environment
 from cablecast.report.style import svg_uri
 from cablecast.report.tables import (
     Table,
@@ -408,9 +408,7 @@ def _cards(results: Reproduction) -> list[dict[str, str]]:
     return cards
 
 
-def _settings(
-    results: Reproduction, config: Mapping[str, Any]
-) -> list[tuple[str, list[tuple[str, str]]]]:
+def _settings(results: Reproduction, config: Mapping[str, Any]) -> SettingsLists:
     """Return titles and lines of the settings at the end of the page."""
     found = [("The whole", flatten_settings(config["settings"]))]
     for cable, metrics in results.by_cable("tune").items():

@@ -169,7 +169,8 @@ def _run_on_ray(
     # A node may die more than once during a long run: a task is tried until it is done.
     remote = ray.remote(num_cpus=1, max_retries=-1)(function)
     references = [ray.put(value) for value in shared]
-    limit = max(_STARTED_TASKS_MIN, _TASKS_PER_CORE * int(_core_count()))
+    cores = int(ray.cluster_resources().get("CPU", 1.0))
+    limit = max(_STARTED_TASKS_MIN, _TASKS_PER_CORE * cores)
     waiting, running = list(reversed(tasks)), {}
     while waiting or running:
         while waiting and len(running) < limit:
@@ -194,12 +195,6 @@ def _connect(address: str) -> None:
     except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
         line = " ".join(str(error).split())[:200]
         raise InputError(f"no Ray cluster at {address or 'this machine'}: {line}") from None
-
-
-def _core_count() -> float:
-    import ray
-
-    return ray.cluster_resources().get("CPU", 1.0)
 
 
 def _result(reference: Any) -> Any:

@@ -140,9 +140,7 @@ class Desk:
 
     def tries_at(self, target_xy: NDArray[np.float64]) -> list[Cast]:
         """Return the tries at a target [m] that were not undone, in order."""
-        if self.session is None:
-            return []
-        return self.session.casts_at(target_xy)
+        return [] if self.session is None else self.session.casts_at(target_xy)
 
     def set_session(self, session: AimSession) -> None:
         """Plan with a session from now on, and simulate with the cable of its model."""
