@@ -459,8 +459,8 @@ class Table:
                 cable_length = self._setup.cable.length
                 text += f":  {one.miss_pct * cable_length:.1f} cm, {one.miss_pct:.1f} %"
             if is_last or np.any(np.abs(_text_xy(one) - _text_xy(trials[-1])) > _TEXT_ROOM):
-                place = (*map(float, _text_xy(one)), _TEXT_LIFT)
-                self._text(f"{name}/label", text, place, color, _TEXT_HEIGHT, WHITE)
+                x, y = map(float, _text_xy(one))
+                self._text(f"{name}/label", text, (x, y, _TEXT_LIFT), color, _TEXT_HEIGHT, WHITE)
 
     def show_map(self, miss: Array | None) -> None:
         """Lay a map of expected misses on the table, below the lines; take it away where None."""
