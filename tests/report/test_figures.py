@@ -7,6 +7,7 @@ import pytest
 from cablecast.cable import load_cable
 from cablecast.evaluation.evaluate import summarise_errors
 from cablecast.evaluation.published import published_rows
+from cablecast.learning.policy import COVERAGE_PCT
 from cablecast.report.curves import error_boxes, learning_curves, target_errors
 from cablecast.report.maps import (
     cast_frames,
@@ -126,16 +127,14 @@ def test_the_map_can_be_drawn_without_any_landing(make_evaluation):
 def test_the_coverage_is_shaded_on_both_halves_of_the_table(make_evaluation):
     from matplotlib.contour import ContourSet
 
-    figure = landing_map(
-        make_evaluation(),
-        simulated_xy=np.array([[0.5, 0.8]]),
-        simulated_radius=0.05,
-    )
+    evaluation = make_evaluation()
+    figure = landing_map(evaluation, np.array([[0.5, 0.8]]))
     (shade,) = (c for c in figure.axes[0].collections if isinstance(c, ContourSet))
     outline = np.concatenate([path.vertices for path in shade.get_paths()])
-    # The outline of a disc of 5 cm, drawn in cells of 1 cm.
-    assert outline[:, 0].max() == pytest.approx(0.55, abs=0.01)
-    assert outline[:, 0].min() == pytest.approx(-0.55, abs=0.01)
+    # The outline of a disc, drawn in cells of 1 cm.
+    farthest = 0.5 + COVERAGE_PCT / 100.0 * evaluation.cable.length
+    assert outline[:, 0].max() == pytest.approx(farthest, abs=0.01)
+    assert outline[:, 0].min() == pytest.approx(-farthest, abs=0.01)
 
 
 def test_the_chosen_casts_run_from_the_best_to_the_worst_and_end_with_a_lost_one(make_evaluation):

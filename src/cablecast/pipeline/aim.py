@@ -28,7 +28,7 @@ from cablecast.evaluation.evaluate import (
 )
 from cablecast.files import write_bytes, write_text
 from cablecast.learning.checkpoint import import_torch
-from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy
+from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_grid, feasible_ranges
 from cablecast.motion.trajectory import plan_trajectory
@@ -604,7 +604,6 @@ def write_aim_report(
             policy.model.info,
             run.config,
             simulated_xy=policy.predicted_xy,
-            simulated_radius=COVERAGE_PCT / 100 * last.cable.length,
             tries=svg_uri(figure),
         )
         write_text(folder / REPORT_FILE, page)

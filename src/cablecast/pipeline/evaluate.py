@@ -18,7 +18,7 @@ from cablecast.evaluation.evaluate import (
 )
 from cablecast.files import write_bytes, write_text
 from cablecast.learning.landing import LandingModel
-from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy, PlanMethod, Policy
+from cablecast.learning.policy import ForwardSearchPolicy, PlanMethod, Policy
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import RigEngine
@@ -178,14 +178,9 @@ def _write_files(
     from cablecast.report.style import png_bytes
 
     save_trials(evaluation, run.path / TRIALS_FILE)
-    coverage = {}
-    if isinstance(policy, ForwardSearchPolicy):
-        coverage = {
-            "simulated_xy": policy.predicted_xy,
-            "simulated_radius": COVERAGE_PCT / 100 * evaluation.cable.length,
-        }
-    figure = landing_map(evaluation, **coverage)
+    simulated_xy = policy.predicted_xy if isinstance(policy, ForwardSearchPolicy) else None
+    figure = landing_map(evaluation, simulated_xy)
     write_bytes(run.path / LANDINGS_FILE, png_bytes(figure))
     info = {} if model is None else model.info
-    page = report_page(evaluation, info, run.config, **coverage)
+    page = report_page(evaluation, info, run.config, simulated_xy=simulated_xy)
     write_text(run.path / REPORT_FILE, page)

@@ -10,6 +10,7 @@ from cablecast.cast import TrialStatus
 from cablecast.conventions import mirror_xy, xy_to_polar
 from cablecast.evaluation.evaluate import Evaluation
 from cablecast.evaluation.repeatability import Repeatability, confidence_ellipse
+from cablecast.learning.policy import COVERAGE_PCT
 from cablecast.report.style import (
     BLUE,
     FAINT,
@@ -48,22 +49,20 @@ _FEW_TARGETS = 8
 
 @styled()
 def landing_map(
-    evaluation: Evaluation,
-    *,
-    simulated_xy: NDArray[np.float64] | None = None,
-    simulated_radius: float = 0.0,
+    evaluation: Evaluation, simulated_xy: NDArray[np.float64] | None = None
 ) -> "Figure":
     """Draw targets, landings, and a dashed line from each target to where its casts landed.
 
     Predicted landings of the policy's candidates [m], on one half of the table, shape
-    [candidate, 2], shade what they cover within a radius [m].
+    [candidate, 2], shade what they cover.
     """
     workspace = evaluation.setup.workspace
     reach = workspace.reach(evaluation.cable.length)
     view = workspace_view(workspace, margin=0.1, radius=reach)
     figure, (axes,) = workspace_panels(workspace, view, below=0.5, beside=0.9)
     if simulated_xy is not None:
-        _shade_coverage(axes, workspace, simulated_xy, simulated_radius)
+        radius = COVERAGE_PCT / 100.0 * evaluation.cable.length
+        _shade_coverage(axes, workspace, simulated_xy, radius)
     _draw_reach(axes, workspace, reach)
     errors_pct = evaluation.errors_pct
     top = max(10.0, float(np.nanmax(errors_pct, initial=0.0)))

@@ -62,14 +62,13 @@ def report_page(
     config: Mapping[str, Any],
     *,
     simulated_xy: NDArray[np.float64] | None = None,
-    simulated_radius: float = 0.0,
     tries: str = "",
 ) -> str:
     """Return the whole page, figures inside; it refers to no other file and no other host.
 
-    Simulated landings and their radius are those of `landing_map`. The model has `curve`,
-    `metrics` and `dataset`, and is empty without one. `tries` is a map of several tries at each
-    target as a data URI, if there were several.
+    Simulated landings are those of `landing_map`. The model has `curve`, `metrics` and `dataset`,
+    and is empty without one. `tries` is a map of several tries at each target as a data URI, if
+    there were several.
     """
     model = model_info.get("metrics", {})
     kind = evaluation.rig.get("rig", "")
@@ -80,11 +79,10 @@ def report_page(
         (f"{rig_name}, all targets", evaluation.summary),
         (f"{rig_name}, targets in coverage", evaluation.summary_inside_coverage),
     ]
-    landings = landing_map(evaluation, simulated_xy=simulated_xy, simulated_radius=simulated_radius)
     chosen = chosen_casts(evaluation)
     figures = {
         "errors": svg_uri(error_boxes(ours, published)),
-        "landings": svg_uri(landings),
+        "landings": svg_uri(landing_map(evaluation, simulated_xy)),
         "targets": svg_uri(target_errors(evaluation)),
         "casts": svg_uri(cast_frames(evaluation, chosen)) if chosen else "",
     }
