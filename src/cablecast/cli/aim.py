@@ -8,6 +8,7 @@ import shlex
 from typing import TYPE_CHECKING, Annotated
 
 from cablecast.aiming.config import AimConfig
+from cablecast.cli import tables
 from cablecast.cli.options import (
     CableName,
     LabFile,
@@ -16,8 +17,13 @@ from cablecast.cli.options import (
     TimeLimit,
     WithRefit,
     argument,
+    load_lab,
+    open_rig,
+    polar_text,
 )
 from cablecast.errors import InputError
+from cablecast.evaluation.published import published_rows
+from cablecast.runs.places import AIM_FOLDER, cable_folder
 
 if TYPE_CHECKING:
     import numpy as np
@@ -79,7 +85,6 @@ class Aim(AimConfig, _Targets):
         """Aim, and print every cast; return the exit status."""
         # As for the page: a second thread for small matrices mostly waits.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        from cablecast.cli.options import load_lab, open_rig
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.aim import (
@@ -93,7 +98,6 @@ class Aim(AimConfig, _Targets):
             prepare_aim,
             write_aim_report,
         )
-        from cablecast.runs.places import AIM_FOLDER, cable_folder
         from cablecast.runs.progress import ignore
         from cablecast.tuning.tuned import load_tuned
         from cablecast.workspace import load_targets
@@ -151,7 +155,6 @@ class Aim(AimConfig, _Targets):
             print_tries(result)
         if self.paper_targets and evaluation is not None:
             from cablecast.cli.evaluate import print_table
-            from cablecast.evaluation.published import published_rows
 
             print_table(evaluation.metrics, published_rows(name))
         for line in outside:
@@ -186,7 +189,6 @@ def _within_reach(
     setup: "Setup", targets: "NDArray[np.float64]", *, anyway: bool
 ) -> "tuple[NDArray[np.float64], list[str]]":
     """Return the targets to cast at, and a line for each that no believed cable reaches."""
-    from cablecast.cli.options import polar_text
     from cablecast.cli.progress import console_progress
     from cablecast.pipeline.check import check
 
@@ -221,7 +223,6 @@ def refit_and_say(session: "AimSession", reason: str) -> None:
 
 def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
     """Say what a cast is expected to do."""
-    from cablecast.cli.options import polar_text
     from cablecast.report.words import reason_text, region_text
 
     if proposal.try_number == 1:
@@ -241,8 +242,6 @@ def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
 
 def print_stop(proposal: "Proposal", reason: str) -> None:
     """Say why a target is not cast at, or not again."""
-    from cablecast.cli.options import polar_text
-
     if proposal.try_number == 1:
         print(f"\ntarget    {polar_text(proposal.target_xy)}")
     words = _stop_words(proposal.try_number - 1)
@@ -255,7 +254,6 @@ def _stop_words(cast_count: int) -> str:
 
 def print_cast(cast: "Cast", session: "AimSession") -> None:
     """Say what a cast did, and what that changes."""
-    from cablecast.cli.options import polar_text
     from cablecast.report.words import change_text
 
     if cast.landed:
@@ -270,7 +268,6 @@ def print_cast(cast: "Cast", session: "AimSession") -> None:
 
 def print_result(result: "AimResult") -> None:
     """Print one line per target."""
-    from cablecast.cli import tables
     from cablecast.conventions import xy_to_polar
 
     tries = max((len(casts) for casts in result.casts), default=0)
@@ -299,7 +296,6 @@ def print_result(result: "AimResult") -> None:
 
 def print_tries(result: "AimResult") -> None:
     """Print the errors after each try."""
-    from cablecast.cli import tables
     from cablecast.report.tables import pct
 
     table = tables.make_table("Miss after each try, in % of cable length; no landing is a miss")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import argument, picked
 from cablecast.errors import InputError
 
 What = typing.Literal["table", "lens"]
@@ -91,7 +91,6 @@ class Calibrate:
             )
 
     def _lens(self) -> None:
-        from cablecast.cli.options import picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.camera import calibrate_lens_of
         from cablecast.vision.calibration import Board

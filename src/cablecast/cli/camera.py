@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cablecast.cli.options import argument
+from cablecast.cli.tables import make_table, print_table
 from cablecast.errors import InputError
 
 if TYPE_CHECKING:
@@ -130,8 +131,6 @@ class CameraVerb:
 
 def _print_report(report: "CameraReport", advice: list[str]) -> None:
     """Print the page of a check."""
-    from cablecast.cli.tables import make_table, print_table
-
     asked, facts = report.settings, report.facts
     table = make_table(f"Camera {asked.source}")
     for heading in ("", "asked", "is"):

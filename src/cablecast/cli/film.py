@@ -4,7 +4,8 @@ import dataclasses
 import pathlib
 from typing import Annotated
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import argument, picked
+from cablecast.errors import InputError
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -35,10 +36,8 @@ class Film:
 
     def run(self) -> None:
         """Read the casts, and write the film."""
-        from cablecast.cli.options import picked
         from cablecast.cli.progress import console_progress
         from cablecast.engines.warp_ import EngineWarp
-        from cablecast.errors import InputError
         from cablecast.pipeline.plan import check_writable
         from cablecast.view.film import KINDS, FilmConfig, write_film
         from cablecast.view.look import open_collection

@@ -6,7 +6,9 @@ from typing import Annotated
 
 import tyro
 
-from cablecast.cli.options import CableName, LabFile, argument
+from cablecast.cli.options import CableName, LabFile, argument, load_lab
+from cablecast.cli.streams import say
+from cablecast.runs.places import CASTS_FOLDERS, cable_folder
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -35,11 +37,8 @@ class Import:
 
     def run(self) -> None:
         """Import, and print the number of casts."""
-        from cablecast.cli.options import load_lab
-        from cablecast.cli.streams import say
         from cablecast.data.mocap import MocapNames
         from cablecast.pipeline.import_casts import import_casts
-        from cablecast.runs.places import CASTS_FOLDERS, cable_folder
 
         setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / CASTS_FOLDERS["tune"]

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cablecast.engines import EngineName
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_number, check_seed
+from cablecast.runs.places import find_input
 
 if TYPE_CHECKING:
     import numpy as np
@@ -215,7 +216,6 @@ def load_policy(
 ) -> "ForwardSearchPolicy":
     """Return the policy of --model, for the robot and the camera of --setup."""
     from cablecast.learning.policy import ForwardSearchPolicy
-    from cablecast.runs.places import find_input
 
     folder = find_input("model", model, cable_name(lab_file, cable))
     policy = ForwardSearchPolicy.load(folder)
@@ -231,7 +231,6 @@ def open_rig(
 
     The lock comes first: two processes must not drive one robot for the same results.
     """
-    from cablecast.errors import check_number, check_seed
     from cablecast.rigs.make import make_rig
     from cablecast.runs.folder import hold_folder
 

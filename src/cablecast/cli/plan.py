@@ -4,7 +4,8 @@ import dataclasses
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
-from cablecast.cli.options import Method, TargetOptions, argument
+from cablecast.cli.options import Method, TargetOptions, argument, load_lab, load_policy, polar_text
+from cablecast.errors import InputError, check_number
 
 if TYPE_CHECKING:
     from cablecast.learning.policy import Plan
@@ -39,8 +40,6 @@ class PlanVerb(TargetOptions):
 
     def run(self) -> int:
         """Plan, print, and save if asked to; return the exit status."""
-        from cablecast.cli.options import load_lab, load_policy
-        from cablecast.errors import InputError, check_number
         from cablecast.pipeline.plan import (
             check_measured,
             check_writable,
@@ -77,8 +76,6 @@ class PlanVerb(TargetOptions):
 
 def _print_plan(plan: "Plan", path: "JointPath") -> None:
     import numpy as np
-
-    from cablecast.cli.options import polar_text
 
     cable, action = plan.setup.cable, plan.actions[0]
     print(f"cable      {cable.name}, {cable.length:.2f} m")

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import argument, load_lab, picked, polar_text
+from cablecast.runs.places import RUNS_FOLDER
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -65,10 +66,8 @@ class Track:
 
     def run(self) -> None:
         """Track, write the results, and print the status of the trial."""
-        from cablecast.cli.options import load_lab, picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.track_video import TrackConfig, track_video
-        from cablecast.runs.places import RUNS_FOLDER
 
         config = TrackConfig(**picked(self, *(f.name for f in dataclasses.fields(TrackConfig))))
         name = "track-" + (re.sub(r"[^\w.-]+", "_", self.video.stem).strip(".") or "video")
@@ -85,7 +84,6 @@ class Track:
 
 
 def _print_result(metrics: dict[str, Any], out: pathlib.Path) -> None:
-    from cablecast.cli.options import polar_text
     from cablecast.pipeline.track_video import PICTURE_FILE, TRACK_FILE
 
     print(f"{metrics['status']}: {metrics['meaning']}")

@@ -5,7 +5,9 @@ import pathlib
 import typing
 from typing import Annotated, Any
 
-from cablecast.cli.options import Device, argument
+from cablecast.cli.options import Device, argument, cable_name, check_same_setup, picked
+from cablecast.errors import InputError
+from cablecast.runs.places import MODEL_FOLDER, cable_folder, find_input
 
 Mode = typing.Literal["sim", "real", "both"]
 Method = typing.Literal["network", "gaussian-process"]
@@ -56,12 +58,10 @@ class Train:
 
     def run(self) -> None:
         """Train, and print the error of the model."""
-        from cablecast.cli.options import cable_name, check_same_setup, picked
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.learning.network import ForwardModel
         from cablecast.pipeline.train import train
-        from cablecast.runs.places import cable_folder, find_input
 
         mode = self._mode()
         name = cable_name(self.setup, self.cable)
@@ -87,8 +87,6 @@ class Train:
         print(f"The model of {cable.name} is in {out}: {_errors(policy.model.metrics)}")
 
     def _mode(self) -> Mode:
-        from cablecast.errors import InputError
-
         mode = self.mode or ("both" if self.real else "sim")
         if mode == "sim" and self.real:
             raise InputError(f"--mode sim uses no real casts, but --real {self.real} was given")
@@ -98,8 +96,6 @@ class Train:
 
 
 def _folder_name(mode: Mode, method: Method) -> str:
-    from cablecast.runs.places import MODEL_FOLDER
-
     if method == "gaussian-process":
         return f"{MODEL_FOLDER}-{method}"
     return MODEL_FOLDER + {"sim": "", "real": "-real", "both": "-fine-tuning"}[mode]

@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import argument, load_lab, picked
 from cablecast.errors import InputError, RigError
 
 if TYPE_CHECKING:
@@ -44,7 +44,6 @@ class Twin:
 
     def run(self) -> None:
         """Run until interrupted."""
-        from cablecast.cli.options import load_lab, picked
         from cablecast.rigs.ur.twin.laboratory import TwinConfig
         from cablecast.rigs.ur.twin.process import TwinProcess
 
