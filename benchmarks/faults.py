@@ -26,6 +26,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.result import Table
+from benchmarks.truth import TruthCamera
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.data.dataset import read_dataset
 from cablecast.data.record import collect_dataset
@@ -39,7 +40,6 @@ from cablecast.rigs.ur.program import check_path, joint_move
 from cablecast.rigs.ur.rig import APPROACH_SPEED, TURN_SPEED, RigUR
 from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, faults_of
 from cablecast.rigs.ur.twin.process import TwinProcess
-from cablecast.rigs.ur.twin.truth import TruthCamera
 from cablecast.setup import Setup, load_setup
 from cablecast.vision.trials import CameraOfTrials, TrialCamera
 

@@ -143,8 +143,9 @@ def rig_kind(request, setup) -> RigKind:
         config = VirtualConfig(version=4, segment_count=12, dt=2e-3, sensing="exact")
         return RigKind("virtual", lambda: RigVirtual(setup, 0, config))
     if request.param == "ur":
+        from benchmarks.truth import TruthCamera
+
         from cablecast.rigs.ur.rig import RigUR
-        from cablecast.rigs.ur.twin.truth import TruthCamera
 
         make_twin = request.getfixturevalue("make_twin")
         _, lab = make_twin(segment_count=12, rate=3.0)

@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 import pytest
+from benchmarks.truth import TruthCamera
 
 from cablecast.cast import TrialStatus
 from cablecast.data.record import collect_dataset
@@ -23,7 +24,6 @@ from cablecast.rigs.ur.link import Phase, Report, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, MotionRecord
 from cablecast.rigs.ur.program import JointCurve, check_path, joint_move
 from cablecast.rigs.ur.rig import APPROACH_SPEED, RigUR, check_reports
-from cablecast.rigs.ur.twin.truth import TruthCamera
 
 # As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
 RATE = 6.0

@@ -1,4 +1,4 @@
-"""A camera that asks the twin for the truth: for tests of the arm alone.
+"""A camera that asks the twin for the truth: for tests and benchmarks of the arm alone.
 
 It sees what no camera can. Results that were made with it say so in the description of their rig.
 """
