@@ -18,7 +18,6 @@ from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.ur.link import (
     Phase,
-    Report,
     UrLink,
     check_arm,
     check_ready,
@@ -132,29 +131,27 @@ class RigUR(RigLifecycle):
             self.reset()
             self._use_reset()
         self.camera.start()
-        filming = True
         try:
-            try:
-                record = self._play("cablecast_cast", curve, Phase.CAST)
-                check_reports(record, curve)
-            except CastAbortedError as aborted:
-                return _aborted(str(aborted))
+            record = self._play("cablecast_cast", curve, Phase.CAST)
+            check_reports(record, curve)
             timing, log = self._settle(link, record, curve)
             link.set_phase(Phase.READOUT)
-            filming = False
-            track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
-            self.last_timing = timing
-            lost = track.status is TrialStatus.OK and self._has_lost_cable(link)
-            link.set_phase(Phase.IDLE)
-            if lost:
-                return _aborted(
-                    "the camera sees no cable in the jaws: it slipped out in this cast. Grip it as "
-                    "before"
-                )
-            return track
-        finally:
-            if filming:
-                self.camera.cancel()
+        except CastAbortedError as aborted:
+            self.camera.cancel()
+            return _aborted(str(aborted))
+        except BaseException:
+            self.camera.cancel()
+            raise
+        track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
+        self.last_timing = timing
+        lost = track.status is TrialStatus.OK and self._has_lost_cable(link)
+        link.set_phase(Phase.IDLE)
+        if lost:
+            return _aborted(
+                "the camera sees no cable in the jaws: it slipped out in this cast. Grip it as "
+                "before"
+            )
+        return track
 
     def picture(self) -> NDArray[np.uint8] | None:
         """Return the latest picture of the camera, BGR; None where it keeps none."""
@@ -243,9 +240,19 @@ class RigUR(RigLifecycle):
             start_time=record.start_time,
             end_time=end,
             clock_pairs=np.array([[r.time, r.host_time] for r in reports]),
-            joint_path=_measured(used, record.start_time),
+            joint_path=JointPath(
+                times=np.array([r.time - record.start_time for r in used]),
+                q=np.array([r.q for r in used]),
+                qd=np.array([r.qd for r in used]),
+            ),
         )
-        return timing, _controller_log(used)
+        log = ControllerLog(
+            times=np.array([r.time for r in used]),
+            target_q=np.array([r.target_q for r in used]),
+            speed_scaling=np.array([r.speed_scaling for r in used]),
+            safety_bits=np.array([float(r.safety_bits) for r in used]),
+        )
+        return timing, log
 
     def _at_rest(self, link: UrLink) -> NDArray[np.float64]:
         """Return the joint angles of the standing arm, without the noise of one report."""
@@ -351,11 +358,9 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, Joi
         )
     path = None
     if off <= _LEVEL_TOLERANCE:
-        try:
+        # It may have been stopped where no reset can begin.
+        with contextlib.suppress(CablecastError):
             path = plan_reset(pose, slow).joint_path
-        except CablecastError:
-            # Stopped where no reset can begin.
-            path = None
     if path is None:
         # From a place above the table one can.
         pose = np.array(reset_pose(setup.workspace), dtype=float)
@@ -368,25 +373,6 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, Joi
     check_path(way, setup, "the way to the start")
     check_path(reset, setup, "the reset")
     return way, reset
-
-
-def _measured(reports: list[Report], start: float) -> JointPath:
-    """Return the joints that the arm reported, with times since the motion began."""
-    return JointPath(
-        times=np.array([r.time - start for r in reports]),
-        q=np.array([r.q for r in reports]),
-        qd=np.array([r.qd for r in reports]),
-    )
-
-
-def _controller_log(reports: list[Report]) -> ControllerLog:
-    """Return what else the controller reported with these joints."""
-    return ControllerLog(
-        times=np.array([r.time for r in reports]),
-        target_q=np.array([r.target_q for r in reports]),
-        speed_scaling=np.array([r.speed_scaling for r in reports]),
-        safety_bits=np.array([float(r.safety_bits) for r in reports]),
-    )
 
 
 def check_reports(record: MotionRecord, curve: JointCurve) -> None:
