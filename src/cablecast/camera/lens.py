@@ -98,17 +98,10 @@ class Lens:
         wanted = (np.asarray(pixels, dtype=float) - self.centre) / self.focal
         ideal = wanted.copy()
         for _ in range(_NEWTON_COUNT):
-            jacobian = self._jacobian(ideal)
-            miss = wanted - self._bend(ideal)
-            a, b, c, d = (jacobian[..., i, j] for i in (0, 1) for j in (0, 1))
-            determinant = a * d - b * c
-            step = np.stack(
-                [
-                    (d * miss[..., 0] - b * miss[..., 1]) / determinant,
-                    (a * miss[..., 1] - c * miss[..., 0]) / determinant,
-                ],
-                axis=-1,
-            )
+            a, b, d = self._jacobian(ideal)
+            miss_x, miss_y = np.moveaxis(wanted - self._bend(ideal), -1, 0)
+            step = np.stack([d * miss_x - b * miss_y, a * miss_y - b * miss_x], axis=-1)
+            step /= (a * d - b * b)[..., None]
             ideal = ideal + np.clip(step, -_NEWTON_STEP_MAX, _NEWTON_STEP_MAX)
         return ideal
 
@@ -131,17 +124,15 @@ class Lens:
         r2 = x * x + y * y
         return x, y, r2, 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
 
-    def _jacobian(self, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the derivative of `_bend`, shape [..., 2, 2]."""
+    def _jacobian(self, ideal: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return the entries a, b, d of the derivative [[a, b], [b, d]] of `_bend`, shape [...]."""
         k1, k2, p1, p2, k3 = self.distortion
         x, y, r2, radial = self._radial(ideal)
         slope = k1 + r2 * (2 * k2 + r2 * 3 * k3)
-        jacobian = np.empty((*x.shape, 2, 2))
-        jacobian[..., 0, 0] = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
-        jacobian[..., 0, 1] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-        jacobian[..., 1, 0] = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-        jacobian[..., 1, 1] = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-        return jacobian
+        a = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+        b = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+        d = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+        return a, b, d
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
