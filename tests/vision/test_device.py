@@ -38,8 +38,9 @@ class FakeDevice:
 SETTINGS = CameraSettings(source="/dev/video2", exposure=0.001, focus=12.0)
 
 
-def test_a_device_is_asked_for_format_size_rate_focus_and_exposure_in_that_order():
-    device, _ = open_capture(SETTINGS, FakeDevice)
+def test_a_device_is_asked_for_format_size_rate_focus_and_exposure_in_that_order(monkeypatch):
+    monkeypatch.setattr(cv2, "VideoCapture", FakeDevice)
+    device, _ = open_capture(SETTINGS)
     assert device.opened_as == (2, cv2.CAP_V4L2)
     assert device.asked == [
         (cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*"MJPG")),
@@ -56,13 +57,14 @@ def test_a_device_is_asked_for_format_size_rate_focus_and_exposure_in_that_order
     ]
 
 
-def test_the_answers_of_a_device_are_read_back():
+def test_the_answers_of_a_device_are_read_back(monkeypatch):
     def stubborn(number, backend):
         answers = {cv2.CAP_PROP_EXPOSURE: 156.0, cv2.CAP_PROP_AUTO_EXPOSURE: 3.0}
         answers[cv2.CAP_PROP_AUTO_WB] = 1.0
         return FakeDevice(number, backend, answers)
 
-    _, facts = open_capture(SETTINGS, stubborn)
+    monkeypatch.setattr(cv2, "VideoCapture", stubborn)
+    _, facts = open_capture(SETTINGS)
     assert (facts.kind, facts.width, facts.height) == ("device", 1920, 1080)
     assert facts.fourcc == "MJPG"
     assert facts.exposure == pytest.approx(0.0156)
@@ -71,14 +73,15 @@ def test_the_answers_of_a_device_are_read_back():
     assert facts.auto_balance is True
 
 
-def test_what_a_driver_does_not_know_is_unknown():
+def test_what_a_driver_does_not_know_is_unknown(monkeypatch):
     silent = {
         cv2.CAP_PROP_EXPOSURE: -1.0,
         cv2.CAP_PROP_AUTO_EXPOSURE: -1.0,
         cv2.CAP_PROP_AUTOFOCUS: -1.0,
         cv2.CAP_PROP_FOURCC: 0.0,
     }
-    _, facts = open_capture(SETTINGS, lambda n, b: FakeDevice(n, b, silent))
+    monkeypatch.setattr(cv2, "VideoCapture", lambda n, b: FakeDevice(n, b, silent))
+    _, facts = open_capture(SETTINGS)
     assert (facts.exposure, facts.auto_exposure, facts.autofocus) == (None, None, None)
     assert facts.fourcc == ""
 
@@ -87,7 +90,7 @@ def test_what_a_driver_does_not_know_is_unknown():
     ("source", "words"),
     [("7", "no other program"), ("rtsp://h/1", "its address"), ("a.mp4", "no such video")],
 )
-def test_a_source_that_does_not_open_is_named_with_advice(source, words):
+def test_a_source_that_does_not_open_is_named_with_advice(source, words, monkeypatch):
     class Closed:
         def __init__(self, *arguments):
             pass
@@ -95,7 +98,8 @@ def test_a_source_that_does_not_open_is_named_with_advice(source, words):
         def isOpened(self):
             return False
 
+    monkeypatch.setattr(cv2, "VideoCapture", Closed)
     with pytest.raises(CameraError, match=words) as caught:
-        open_capture(CameraSettings(source=source), Closed)
+        open_capture(CameraSettings(source=source))
     assert f"camera source {source} cannot be opened" in str(caught.value)
     assert "\n" not in str(caught.value)

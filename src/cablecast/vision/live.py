@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
@@ -353,27 +353,21 @@ class FrameWatch:
         return not same
 
 
-def open_capture(
-    settings: CameraSettings, capture: Callable[..., Any] | None = None
-) -> tuple[Any, CameraFacts]:
-    """Open a camera, ask it for its settings, and read them back.
-
-    `capture` makes the capture; OpenCV's `VideoCapture` where None.
-    """
+def open_capture(settings: CameraSettings) -> tuple[Any, CameraFacts]:
+    """Open a camera, ask it for its settings, and read them back."""
     cv2 = load_cv2()
-    make = cv2.VideoCapture if capture is None else capture
     source = settings.source.strip()
     device = _DEVICE.fullmatch(source)
     kind = "device" if device else "stream" if "://" in source else "file"
     try:
         if device:
-            opened = make(int(device.group(1)), cv2.CAP_V4L2)
+            opened = cv2.VideoCapture(int(device.group(1)), cv2.CAP_V4L2)
         elif kind == "stream":
             limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, int(1e3 * _OPEN_TIMEOUT)]
             limits += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, int(1e3 * _SILENCE_MAX)]
-            opened = make(source, cv2.CAP_FFMPEG, limits)
+            opened = cv2.VideoCapture(source, cv2.CAP_FFMPEG, limits)
         else:
-            opened = make(source, cv2.CAP_FFMPEG)
+            opened = cv2.VideoCapture(source, cv2.CAP_FFMPEG)
     except cv2.error as error:
         raise CameraError(f"camera source {source}: {' '.join(str(error).split())}") from None
     if not opened.isOpened():
