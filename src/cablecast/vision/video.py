@@ -6,7 +6,7 @@ import pathlib
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,43 +120,38 @@ def read_pictures(folder: pathlib.Path) -> list[Image]:
 
 
 def write_video(path: pathlib.Path, frames: Iterable[Image], rate: float) -> int:
-    """Write frames, BGR, all of one size, to an MP4 file, and return their number.
+    """Write frames, BGR, all of one size, to an MP4 file (H.264), and return their number.
+
+    Every browser plays it.
 
     Raises:
         InputError: There are no frames.
         MissingExtraError: PyAV is not installed.
     """
+    av = _load_av()
+    count, stream = 0, None
     path.parent.mkdir(parents=True, exist_ok=True)
     # Not complete until renamed, like every file that cablecast writes.
     part = path.with_name(f".{path.stem}.part{path.suffix or '.mp4'}")
     try:
-        with part.open("wb") as file:
-            count = encode_mp4(file, frames, rate)
+        with av.open(str(part), "w", format="mp4") as container:
+            for frame in frames:
+                if stream is None:
+                    stream = container.add_stream("libx264", rate=_fraction(rate))
+                    stream.height, stream.width = frame.shape[:2]
+                    even = stream.height % 2 == stream.width % 2 == 0
+                    stream.pix_fmt = "yuv420p" if even else "yuv444p"
+                    stream.options = {"crf": "21", "preset": "veryfast"}
+                picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="bgr24")
+                container.mux(stream.encode(picture))
+                count += 1
+            if stream is not None:
+                container.mux(stream.encode())
         if not count:
             raise InputError(f"there are no frames to write to {path}")
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
-    return count
-
-
-def encode_mp4(sink: BinaryIO, frames: Iterable[Image], rate: float) -> int:
-    """Write frames as MP4 (H.264), which every browser plays, and return their number."""
-    av = _load_av()
-    count, stream = 0, None
-    with av.open(sink, "w", format="mp4") as container:
-        for frame in frames:
-            if stream is None:
-                stream = container.add_stream("libx264", rate=_fraction(rate))
-                stream.height, stream.width = frame.shape[:2]
-                even = stream.height % 2 == stream.width % 2 == 0
-                stream.pix_fmt = "yuv420p" if even else "yuv444p"
-                stream.options = {"crf": "21", "preset": "veryfast"}
-            picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="bgr24")
-            container.mux(stream.encode(picture))
-            count += 1
-        if stream is not None:
-            container.mux(stream.encode())
     return count
 
 
