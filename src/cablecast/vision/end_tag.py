@@ -41,16 +41,11 @@ class TagTracker(EndpointTracker):
 
     def update(self, time: float, grab: Grab) -> NDArray[np.float64]:
         """Look at the next frame, and return the endpoint in it [m], shape [2]; NaN if not seen."""
-        if self._times and time <= self._frame_time:
-            raise InputError(f"frame times must rise: {time} s follows {self._frame_time} s")
-        self._frame_time = time
-        _, _, width, height = self._frame
+        self._begin_frame(time)
         windows = [self._frame]
         if self._seen:
             half = (_LOOK + self._tag.size) * self._px_per_m
-            left, top = np.maximum(self._seen[-1].pixel - half, 0).astype(int).tolist()
-            right, bottom = (self._seen[-1].pixel + half).astype(int).tolist()
-            near = (min(left, width), min(top, height), min(right, width), min(bottom, height))
+            near = self._around(self._seen[-1].pixel, half)
             if near[2] - near[0] > 16 and near[3] - near[1] > 16:
                 windows.insert(0, near)
         found = (self._find(grab(window), window[:2]) for window in windows)

@@ -278,17 +278,16 @@ def _find_patches(
         total = float(chroma.sum())
         if total <= 0:
             continue
-        v, u = np.mgrid[top : top + h, left : left + w]
-        mean_u, mean_v = float((chroma * u).sum() / total), float((chroma * v).sum() / total)
-        du, dv = u - mean_u, v - mean_v
-        mixed = (chroma * du * dv).sum()
-        spread = np.array([[(chroma * du * du).sum(), mixed], [mixed, (chroma * dv * dv).sum()]])
+        moments = cv2.moments(chroma)
+        middle = np.array([moments["m10"], moments["m01"]]) / total
+        mixed = moments["mu11"]
+        spread = np.array([[moments["mu20"], mixed], [mixed, moments["mu02"]]])
         small, large = np.sqrt(np.maximum(np.linalg.eigvalsh(spread / total), 0.0))
         vivid = float(np.quantile(chroma[chroma > 0], 0.85))
         aside = (seen.across[window] * chroma).sum() / (seen.along[window] * chroma).sum()
         patches.append(
             _Patch(
-                pixel=np.array([mean_u + corner[0], mean_v + corner[1]]),
+                pixel=middle + (left, top) + corner,
                 chroma=total,
                 vivid=vivid,
                 area=total / vivid,
@@ -564,10 +563,8 @@ class EndpointTracker:
             time: Middle of the exposure of the frame's middle row [s]; must rise.
             grab: Returns pieces of the frame. The tracker asks for no more than it looks at.
         """
-        if self._times and time <= self._frame_time:
-            raise InputError(f"frame times must rise: {time} s follows {self._frame_time} s")
-        frame, self._frame_time = len(self._times), time
-        patch = None
+        self._begin_frame(time)
+        frame, patch = len(self._times), None
         if not self._seen:
             if frame % _SEARCH_PERIOD == 0:
                 patch = self._first(time, grab)
@@ -582,6 +579,12 @@ class EndpointTracker:
         if patch is not None:
             self._adapt(patch)
         return xy
+
+    def _begin_frame(self, time: float) -> None:
+        """Refuse a frame that is not later than the one before."""
+        if self._times and time <= self._frame_time:
+            raise InputError(f"frame times must rise: {time} s follows {self._frame_time} s")
+        self._frame_time = time
 
     def _record(self, time: float, pixel: NDArray[np.float64] | None) -> NDArray[np.float64]:
         """Keep where the endpoint was seen in the next frame, and return it [m], shape [2]."""
