@@ -22,7 +22,7 @@ from cablecast.arm.base import Arm
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import CablecastError, RigError, StoppedError, check_count, check_number
-from cablecast.motion.trajectory import JointPath, Trajectory
+from cablecast.motion.trajectory import JointPath, Trajectory, joints_at
 from cablecast.rigs.base import Rig, RigLifecycle, error_line, foreign_code, purpose_seed
 from cablecast.setup import Setup
 
@@ -520,12 +520,8 @@ def _check_joints(joints: JointPath, trajectory: Trajectory, end: float, arm: Ar
 def _offsets(joints: JointPath, command: JointPath) -> NDArray[np.float64]:
     """Return the distance of reports from all set points of the last moments, [report, joint]."""
     lags = np.linspace(0.0, JOINT_LAG_MAX, 13)
-    sent = joints.times[:, None] - lags
-    q = joints.q
-    off = np.empty_like(q)
-    for joint in range(q.shape[1]):
-        near = np.interp(sent, command.times, command.q[:, joint])
-        off[:, joint] = np.maximum(near.min(axis=1) - q[:, joint], q[:, joint] - near.max(axis=1))
+    near = joints_at(command, joints.times[:, None] - lags)
+    off = np.maximum(near.min(axis=1) - joints.q, joints.q - near.max(axis=1))
     return np.maximum(off, 0.0)
 
 

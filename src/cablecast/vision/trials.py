@@ -69,6 +69,12 @@ class TrialTiming:
     clock_pairs: NDArray[np.float64]
     joint_path: JointPath | None = None
 
+    @property
+    def reported(self) -> JointPath | None:
+        """Joints as the arm reported them, with times by the controller's clock."""
+        path = self.joint_path
+        return path and dataclasses.replace(path, times=path.times + self.start_time)
+
 
 @runtime_checkable
 class TrialCamera(Protocol):
@@ -280,10 +286,8 @@ class CameraOfTrials:
         The arm is in the picture, and its way is known: so each cast compares the clocks. The
         second says what was corrected; it is empty where they agree.
         """
-        path = timing.joint_path
-        if path is None:
+        if (reported := timing.reported) is None:
             return 0.0, ""
-        reported = JointPath(times=path.times + timing.start_time, q=path.q, qd=path.qd)
         arm, view = self.setup.arm, self.calibration.view
         found = self._cast_clock.compare(reported, arm, view, shift, _CLOCK_REACH)
         if found is None:
@@ -423,15 +427,14 @@ class ClockCamera(CameraOfTrials):
             CameraError: The camera failed, or the robot reported no joints.
             InputError: The robot moved otherwise than was seen.
         """
-        filming, path = self._filming, timing.joint_path
-        if filming is None or path is None:
+        filming, reported = self._filming, timing.reported
+        if filming is None or reported is None:
             self.cancel()
             raise CameraError("clocks are compared by a motion that both camera and robot record")
         self._filming = None
         # Frames that wait to be looked at are of before, however many they are.
         until = time.monotonic() + _AFTER
         filming.finish(lambda frame: frame.arrival >= until)
-        reported = JointPath(times=path.times + timing.start_time, q=path.q, qd=path.qd)
         found = self._cast_clock.sync(reported, self.setup.arm, self.calibration.view)
         if self.settings.clock == "arrival":
             # The delay of the robot's own reports is measured anew in each trial.
