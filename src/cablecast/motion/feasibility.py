@@ -56,32 +56,27 @@ class LimitViolation:
     """One limit that a motion violates.
 
     Attributes:
-        kind: Kind of limit.
-        joint: Name of the joint; None for a place.
-        value: Peak value over the motion, in the unit of the kind.
-        bound: Largest allowed value, or smallest where the grip comes too close to the base.
-        place: Limit of a place, and what is beyond it.
+        what: What is beyond it, e.g. `elbow velocity` or `robot box: x of the grip`.
+        value: Peak of that over the motion.
+        bound: Largest allowed value, or smallest where that is above the peak.
+        unit: Unit of both.
+        note: Words behind the bound.
     """
 
-    kind: LimitKind
-    joint: str | None
+    what: str
     value: float
     bound: float
-    place: str = "reach: radius"
+    unit: str
+    note: str = ""
 
     @property
     def name(self) -> str:
-        """Short name of the limit, e.g. `elbow velocity`."""
-        kind = self.kind.name.lower()
-        return self.place.partition(":")[0] if self.joint is None else f"{self.joint} {kind}"
+        """Short name of the limit, e.g. `elbow velocity` or `robot box`."""
+        return self.what.partition(":")[0]
 
     def __str__(self) -> str:
-        unit = self.kind.value
-        if self.joint is None:
-            side = "above" if self.value > self.bound else "below"
-            return f"{self.place} {self.value:.4g} {unit} is {side} {self.bound:.4g} {unit}"
-        share = f"{100 * LIMIT_SHARE:g} % of the joint's limit"
-        return f"{self.name} {self.value:.4g} {unit} is above {self.bound:.4g} {unit}, {share}"
+        side, unit = "above" if self.value > self.bound else "below", self.unit
+        return f"{self.what} {self.value:.4g} {unit} is {side} {self.bound:.4g} {unit}{self.note}"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -116,19 +111,24 @@ class Feasibility:
         found: dict[int, list[LimitViolation]] = {
             int(row): [] for row in np.flatnonzero(~self.mask)
         }
-
-        def add(row, kind, joint, value, bound, **place):
-            violation = LimitViolation(
-                kind=kind, joint=joint, value=float(value), bound=float(bound), **place
-            )
-            found[int(row)].append(violation)
-
         for row in np.flatnonzero(np.isnan(self.peaks[:, 0, 0])):
-            name = str(self.place_name[row])
-            add(row, LimitKind.REACH, None, self.place[row], self.place_bound[row], place=name)
-        for row, kind, joint in np.argwhere(self.peaks > self.bounds):
-            peak, bound = self.peaks[row, kind, joint], self.bounds[kind, joint]
-            add(row, JOINT_LIMIT_KINDS[kind], self.joint_names[joint], peak, bound)
+            violation = LimitViolation(
+                what=str(self.place_name[row]),
+                value=float(self.place[row]),
+                bound=float(self.place_bound[row]),
+                unit=LimitKind.REACH.value,
+            )
+            found[row].append(violation)
+        for row, index, joint in np.argwhere(self.peaks > self.bounds):
+            kind = JOINT_LIMIT_KINDS[index]
+            violation = LimitViolation(
+                what=f"{self.joint_names[joint]} {kind.name.lower()}",
+                value=float(self.peaks[row, index, joint]),
+                bound=float(self.bounds[index, joint]),
+                unit=kind.value,
+                note=f", {100 * LIMIT_SHARE:g} % of the joint's limit",
+            )
+            found[row].append(violation)
         return {row: tuple(violations) for row, violations in found.items()}
 
     def describe(self, row: int) -> str:
