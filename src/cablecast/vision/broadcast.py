@@ -84,9 +84,6 @@ class Broadcast:
 class _Server(http.server.ThreadingHTTPServer):
     """HTTP server that knows its broadcast."""
 
-    daemon_threads = True
-    allow_reuse_address = True
-
     def __init__(self, broadcast: Broadcast):
         self.broadcast = broadcast
         super().__init__((HOST, broadcast.port), _Handler)
