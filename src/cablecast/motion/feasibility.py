@@ -111,7 +111,7 @@ class Feasibility:
         found: dict[int, list[LimitViolation]] = {
             int(row): [] for row in np.flatnonzero(~self.mask)
         }
-        for row in np.flatnonzero(np.isnan(self.peaks[:, 0, 0])):
+        for row in np.flatnonzero(np.isnan(self.peaks[:, 0, 0])).tolist():
             violation = LimitViolation(
                 what=str(self.place_name[row]),
                 value=float(self.place[row]),
