@@ -71,7 +71,11 @@ MISTAKES = {
     "PolarCastingPolicy(setup='cable_1')": "setup must be Setup",
     "EngineWarp('cpu')": "segment_count = 'cpu' is not a whole number",
     "EngineWarp().rollout(SETUP.cable, [[0.1, 0.2]])": "grip_path must be GripPath, not list",
-    "Setup(arm='ur5e')": "arm must be a Arm, not str",
+    "Setup(arm='ur5e')": r"arm must be Arm, not str 'ur5e': ArmUR\(model='ur5e'\) makes one",
+    "Setup(workspace={'table_width': 2.0})": r"must be Workspace, not dict: Workspace\(",
+    "make_rig('engine', SETUP).execute((-0.5, 0.5))": "must be Trajectory, not tuple .*: plan_traj",
+    "make_rig('virtual:9', SETUP)": "unknown rig 'virtual:9': one of virtual, virtual:4, virtual:5",
+    "Workspace().check_targets(r=1.0, theta_deg=400, cable_length=0.6)": "from -180 to 180",
     "Action(-40.0, 40.0, 0.7)": r"theta1\| = 2292 deg is outside",
 }
 

@@ -97,7 +97,7 @@ def test_a_cable_that_is_too_long_for_the_table_is_refused_with_the_bound():
 
 
 def test_parts_of_the_wrong_kind_are_refused():
-    with pytest.raises(InputError, match="workspace must be a Workspace, not dict"):
+    with pytest.raises(InputError, match="workspace must be Workspace, not dict"):
         Setup(workspace={})  # pyright: ignore[reportArgumentType]
 
 

@@ -286,8 +286,12 @@ class Proposal:
     @property
     def reason(self) -> str:
         """Why a hit is not to be expected, in words; empty where it is."""
-        if self.inside_coverage and self.hit_chance >= HIT_CHANCE_MIN:
-            return ""
+        likely = self.inside_coverage and self.hit_chance >= HIT_CHANCE_MIN
+        return "" if likely else self.outlook
+
+    @property
+    def outlook(self) -> str:
+        """What is to be expected of the cast, in words."""
         miss = 100.0 * np.linalg.norm(self.expected_xy - self.target_xy)
         wide, narrow = 200.0 * self.ellipse().semi_axes
         outside = "no simulated cast of this cable lands near this target, and "

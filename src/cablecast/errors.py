@@ -190,9 +190,13 @@ _MAKERS = {
     "Dataset": "read_dataset(folder) reads one, and collect(rig) and simulate(setup) return one",
     "ForwardSearchPolicy": "ForwardSearchPolicy.load(folder) reads one, and train(casts) makes one",
     "AimSession": "prepare_aim(rig) makes one",
+    "Arm": "ArmUR(model='ur5e') makes one",
+    "Cable": "load_cable(file) reads one",
     "Policy": "ForwardSearchPolicy.load(folder) reads one, and train(casts) makes one",
     "Setup": "load_setup(file) reads one, and Setup(cable='cable_1') makes one",
+    "Trajectory": "plan_trajectory(action, setup) makes one",
     "Tuned": "load_tuned(folder, setup) reads one, and tune(casts) makes one",
+    "Workspace": "Workspace(table_width=1.6, table_depth=1.2) makes one",
 }
 
 

@@ -4,7 +4,6 @@ import dataclasses
 import math
 import os
 import pathlib
-import typing
 from collections.abc import Mapping
 from typing import Any
 
@@ -84,6 +83,7 @@ class MotionConfig:
         )
 
 
+@says_what_it_takes
 @dataclasses.dataclass(frozen=True, kw_only=True, init=False)
 class Setup:
     """Set-up of a laboratory: cable, table, arm and motion settings.
@@ -127,24 +127,17 @@ class Setup:
         cable = cable if isinstance(cable, Cable) else load_cable(cable)
         arm = ArmUR() if arm is None else arm
         if workspace is None:
-            workspace = fitting_workspace(cable, arm, {}) if isinstance(arm, Arm) else Workspace()
+            workspace = fitting_workspace(cable, arm, {})
         parts = {
             "cable": cable,
             "workspace": workspace,
             "arm": arm,
-            "motion": motion,
+            "motion": motion or MotionConfig(r0=workspace.reset_y),
             "robot": robot,
             "camera": camera,
         }
-        if motion is None and isinstance(parts["workspace"], Workspace):
-            parts["motion"] = MotionConfig(r0=parts["workspace"].reset_y)
         for name, part in parts.items():
-            kind = type(self).__annotations__[name]
-            if not isinstance(part, kind):
-                kind, *_ = typing.get_args(kind) or (kind,)
-                raise InputError(f"{name} must be a {kind.__name__}, not {type(part).__name__}")
             object.__setattr__(self, name, part)
-        workspace = self.workspace
         end = workspace.reset_y + cable.length
         if workspace.reset_y < workspace.y_min:
             raise InputError(
@@ -270,11 +263,12 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
 
 
 @says_what_it_takes
-def load_setup(path: str | os.PathLike[str]) -> Setup:
+def load_setup(path: str | os.PathLike[str], cable: Cable | None = None) -> Setup:
     """Return the set-up that a lab file describes.
 
     Args:
         path: YAML file with the sections of `SECTIONS` and `INSTRUMENTS`, all optional.
+        cable: Cable in place of the file's.
 
     Raises:
         UnknownNameError: There is no such file, cable or arm model.
@@ -282,7 +276,10 @@ def load_setup(path: str | os.PathLike[str]) -> Setup:
     """
     path = pathlib.Path(path)
     try:
-        return Setup.from_dict(read_yaml(path), path.parent)
+        values = read_yaml(path)
+        if cable is not None and isinstance(values, Mapping):
+            values = {**values, "cable": cable.to_dict()}
+        return Setup.from_dict(values, path.parent)
     except FileNotFoundError:
         raise UnknownNameError(f"there is no lab file {path}") from None
     except InputError as error:

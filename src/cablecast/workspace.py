@@ -208,6 +208,8 @@ def _targets_from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> NDA
             raise TargetError(
                 f"target r = {one_r:g} m, theta = {one_theta:g} deg must be finite numbers"
             )
+        if abs(one_theta) > 180.0:
+            raise TargetError(f"theta_deg = {one_theta:g} must be from -180 to 180")
         if one_r < 0:
             raise TargetError(f"target r = {one_r:g} m must not be negative")
     # Degrees are typed with few digits, and radians computed.

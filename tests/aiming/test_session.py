@@ -363,6 +363,28 @@ def test_a_third_cast_is_made_where_it_is_expected_much_nearer(policy):
     assert "would hit it with a chance of" in session.stop_reason(scattered)
 
 
+def test_a_third_cast_that_changes_hardly_anything_is_not_made_however_wide_its_region(policy):
+    target = np.array([0.3, 1.1])
+    with rig_of(policy, bias=0.3) as rig:
+        session = session_of(policy, within_pct=6.0, anyway=False)
+        casts = [session.cast(rig, session.propose(target)) for _ in range(2)]
+    missed = min((cast.final_xy - target for cast in casts), key=np.linalg.norm)
+    wide = dataclasses.replace(session.propose(target), covariance=np.sum(missed**2) * np.eye(2))
+    nearer, hardly = (
+        dataclasses.replace(wide, expected_xy=target + share * missed) for share in (0.4, 0.9)
+    )
+    assert min(nearer.hit_chance, hardly.hit_chance) > 0.05
+    assert session.stop_reason(nearer) == ""
+    assert "would hit it with a chance of" in session.stop_reason(hardly)
+
+
+def test_a_place_that_would_count_as_hit_is_no_place_without_simulated_casts(policy):
+    length, target = SETUP.cable.length, np.array([0.3, 1.1])
+    gap = np.linalg.norm(policy.nearest_landing(target) - target) / length
+    assert policy.inside_coverage(target, 100.0 * gap + 1e-6)
+    assert not policy.inside_coverage(target, 100.0 * gap - 1e-6)
+
+
 def test_a_cast_that_left_the_table_says_where_such_casts_go(policy):
     target, edge = np.array([0.9, 1.0]), SETUP.workspace.half_width
     session = session_of(policy, within_pct=1.0)

@@ -1,5 +1,6 @@
 """Bad input: one line, status 2, no traceback, no cast or long work, and nothing overwritten."""
 
+import dataclasses
 import pathlib
 import sys
 
@@ -9,7 +10,8 @@ import yaml
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
 from cablecast.cli import main
-from cablecast.setup import Setup, save_setup
+from cablecast.cli.options import load_lab
+from cablecast.setup import Setup, load_setup, save_setup
 
 HUGE = ("1000000000", "1000000000000000", "10000000000000000000000")
 
@@ -243,12 +245,24 @@ def test_simulated_casts_are_not_taken_for_real_ones(lab, capsys, dataset_folder
 
 
 def test_a_cable_longer_than_the_table_is_refused_before_the_rig_is_connected(lab, capsys):
-    values = load_cable("cable_1").to_dict() | {"name": "long", "length": 0.95}
+    values = load_cable("cable_1").to_dict() | {"name": "long", "length": 1.6}
     (lab.path / "long.yaml").write_text(yaml.safe_dump(values))
     for verb in ("collect", "repeat", "aim --paper-targets"):
         line = refused([*verb.split(), *lab.rig, "--cable", "long.yaml"], capsys)
-        assert "at most 0.9 m long" in line
+        assert "at most 1.22 m long" in line
     assert lab.events == []
+
+
+@pytest.mark.parametrize("table", ["", "workspace: {table_depth: 1.8}\n"])
+def test_the_workspace_fits_the_cable_of_the_command_line(table, tmp_path):
+    cable = dataclasses.replace(load_cable("cable_1"), name="long", length=0.95)
+    (tmp_path / "long.yaml").write_text(yaml.safe_dump(cable.to_dict()))
+    (tmp_path / "lab.yaml").write_text(table + "cable: cable_2")
+    (tmp_path / "both.yaml").write_text(table + "cable: long.yaml")
+    setup = load_lab(tmp_path / "lab.yaml", str(tmp_path / "long.yaml"))
+    assert setup == load_setup(tmp_path / "both.yaml")
+    if not table:
+        assert load_lab(None, str(tmp_path / "long.yaml")) == setup
 
 
 def snapshot(folder: pathlib.Path):

@@ -65,8 +65,13 @@ def test_a_cable_of_which_little_is_known_is_less_sure(checked):
 
 def test_an_arm_that_can_follow_nothing_hears_what_would_help():
     jerky = cc.Setup().with_motion(jerk=400.0)
-    with pytest.raises(cc.CablecastError, match=r"break its .* Try jerk = 40 m/s³: .* instead"):
+    with pytest.raises(cc.CablecastError, match=r"break its .* with jerk = 40 m/s³: .* instead"):
         cc.check(jerky)
+
+
+def test_changes_are_compared_with_the_share_that_is_said():
+    found = cc.check(cc.Setup(cable="cable_2"))
+    assert {change.before for change in found.changes} == {found.shares[0]}
 
 
 def test_the_verb_prints_what_is_reached_and_draws_it(tmp_path, monkeypatch, capsys):

@@ -18,7 +18,7 @@ from cablecast.cast import Proposal, RegionLaw, ring_points
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.learning.landing import central_shifts
-from cablecast.learning.policy import TABLE_MARGIN, refine_actions, within_ranges
+from cablecast.learning.policy import COVERAGE_PCT, TABLE_MARGIN, refine_actions, within_ranges
 from cablecast.motion.action import Action, mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions
@@ -99,9 +99,9 @@ def propose(
         raise InputError("the arm can follow none of the policy's actions near this target")
     action = mirror_actions(candidates.actions, candidates.side)[best]
     xy, covariance, scatter = predictor.predict(action)
-    law = law or RegionLaw()
+    law, policy = law or RegionLaw(), predictor.beliefs.policy
     return Proposal(
-        setup=predictor.beliefs.policy.setup,
+        setup=policy.setup,
         number=number,
         try_number=try_number,
         target_xy=target,
@@ -112,7 +112,7 @@ def propose(
         law=law,
         scatter=float(scatter[0]),
         failure=float(failure[best]),
-        inside_coverage=bool(predictor.beliefs.policy.inside_coverage(target)),
+        inside_coverage=bool(policy.inside_coverage(target, max(within_pct, COVERAGE_PCT))),
     )
 
 

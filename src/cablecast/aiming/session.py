@@ -55,8 +55,8 @@ ENOUGH = 40
 
 _INNOVATION_MAX = 4.0
 # From this try on, a cast whose chance to hit is small must be expected this much nearer than the
-# nearest landing so far, as a share of its distance.
-_STOP_TRY, _NEARER = 3, 0.5
+# nearest landing so far, as a share of its distance, and any other that is expected to miss, too.
+_STOP_TRY, _NEARER, _HARDLY_NEARER = 3, 0.5, 0.75
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _SCALE_GROWTH = 1.3
 
@@ -228,6 +228,7 @@ class AimSession:
         """Number of casts that the simulator was fitted to, without those taken back since."""
         return sum(self.model.has_fitted(*row) for row in self._counted())
 
+    @says_what_it_takes
     def add_casts(self, casts: Dataset) -> int:
         """Take in casts that were made for something else, and return how many are new.
 
@@ -281,7 +282,8 @@ class AimSession:
         It is not where it is nearly certain to miss: at the first try outside the simulated
         coverage, at the second where it is expected no nearer than an earlier one landed, from the
         third on where it is expected less than twice as near, or where the scatter of equal casts
-        alone lets it miss. `AimConfig.anyway` makes it all the same.
+        alone lets it miss. Nor is it, from the third try on, where it is expected to miss, and
+        hardly nearer than an earlier one. `AimConfig.anyway` makes it all the same.
         """
         number, target = proposal.try_number, proposal.target_xy
 
@@ -290,19 +292,23 @@ class AimSession:
 
         landed = [cast.final_xy for _, cast in self._counted() if cast.landed and number > 1]
         near = min(landed or [self.model.policy.nearest_landing(target)], key=miss)
-        if landed:
-            share = _NEARER if number >= _STOP_TRY else 1.0
-            stops = miss(proposal.expected_xy) >= share * miss(near)
+        hopeless = proposal.hit_chance < HIT_CHANCE_MIN
+        share = miss(proposal.expected_xy) / max(miss(near), 1e-9)
+        if not landed:
+            stops = hopeless and (number >= _STOP_TRY or not proposal.inside_coverage)
+        elif number < _STOP_TRY:
+            stops = hopeless and share >= 1.0
+        else:
             within = self.config.within_pct / 100.0 * self.setup.cable.length
             square = (within / max(proposal.scatter, 1e-9)) ** 2
-            stops |= number >= _STOP_TRY and -math.expm1(-0.5 * square) < HIT_CHANCE_MIN
-        else:
-            stops = number >= _STOP_TRY or not proposal.inside_coverage
-        if self.config.anyway or not stops or proposal.hit_chance >= HIT_CHANCE_MIN:
+            scatters = -math.expm1(-0.5 * square) < HIT_CHANCE_MIN
+            stops = hopeless and (scatters or share >= _NEARER)
+            stops |= miss(proposal.expected_xy) > within and share >= _HARDLY_NEARER
+        if self.config.anyway or not stops:
             return ""
         r, theta = xy_to_polar(near)
         return (
-            f"{proposal.reason}; the nearest landing of a {'' if landed else 'simulated '}cast is "
+            f"{proposal.outlook}; the nearest landing of a {'' if landed else 'simulated '}cast is "
             f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * miss(near):.0f} cm beside"
             " it"
         )
@@ -396,6 +402,7 @@ class AimSession:
         if hasattr(rig, "sight"):
             self.sight = rig.sight()
 
+    @says_what_it_takes
     def observe(self, proposal: Proposal, track: EndpointTrack) -> Cast:
         """Take in a proposed cast that was made, and what the rig saw of it.
 
@@ -411,6 +418,10 @@ class AimSession:
         return cast
 
     def _check_next(self, proposal: Proposal) -> None:
+        if not isinstance(proposal, Proposal):
+            raise InputError(
+                f"a proposal is what propose(target) returns, not a {type(proposal).__name__}"
+            )
         if proposal.number != len(self.store):
             raise InputError(
                 f"the proposal is cast {proposal.number} of the session, whose next cast is "

@@ -190,7 +190,7 @@ def _within_reach(
 ) -> "tuple[NDArray[np.float64], list[str]]":
     """Return the targets to cast at, and a line for each that no believed cable reaches."""
     from cablecast.cli.progress import console_progress
-    from cablecast.pipeline.check import check
+    from cablecast.pipeline.check import check, remedy
 
     if anyway:
         return targets, []
@@ -206,8 +206,7 @@ def _within_reach(
     if all(beyond):
         with console_progress() as progress:
             changes = check(setup, progress=progress).changes
-        better = "; ".join(str(change) for change in changes) or "nothing that was tried helps"
-        raise InputError(f"no target is within reach. Simulated casts reach more with: {better}")
+        raise InputError(f"no target is within reach. {remedy(changes)}")
     return targets[[not is_beyond for is_beyond in beyond]], lines
 
 

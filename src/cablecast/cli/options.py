@@ -169,9 +169,11 @@ def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float |
     from cablecast.cable import load_cable
     from cablecast.setup import Setup, load_setup
 
-    setup = Setup() if lab_file is None else load_setup(lab_file)
-    if cable is not None:
-        setup = dataclasses.replace(setup, cable=load_cable(cable))
+    chosen = None if cable is None else load_cable(cable)
+    if lab_file is not None:
+        setup = load_setup(lab_file, chosen)
+    else:
+        setup = Setup() if chosen is None else Setup(cable=chosen)
     given = {name: value for name, value in motion.items() if value is not None}
     return setup.with_motion(**given) if given else setup
 

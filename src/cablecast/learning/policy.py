@@ -529,19 +529,22 @@ class ForwardSearchPolicy:
         _, row = self.tree.query(mirror_xy(targets, side))
         return mirror_xy(self.tree.data[row], side)
 
-    def inside_coverage(self, target_xy: ArrayLike) -> NDArray[np.bool_]:
+    def inside_coverage(
+        self, target_xy: ArrayLike, within_pct: float = COVERAGE_PCT
+    ) -> NDArray[np.bool_]:
         """Return which targets lie within the simulated coverage, on either half of the table.
 
         A target is inside if the predicted landing of at least one candidate that stays on the
-        table is within `COVERAGE_PCT` of it.
+        table is near it.
 
         Args:
             target_xy: Targets [m], shape [..., 2].
+            within_pct: Distance that is near [% of cable length].
         """
         targets = np.asarray(target_xy, dtype=float)
         folded = mirror_xy(targets, side_of(targets))
         distance, _ = self.tree.query(folded)
-        return np.asarray(distance <= COVERAGE_PCT / 100 * self.setup.cable.length)
+        return np.asarray(distance <= within_pct / 100 * self.setup.cable.length)
 
     def save(self, folder: str | pathlib.Path) -> None:
         """Write the model and the candidates atomically, for `load` to read."""

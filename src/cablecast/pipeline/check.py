@@ -42,7 +42,7 @@ DOUBT_SHARE = 0.1
 believed ones [-]."""
 
 # Casts of each believed cable, and of each change that is tried.
-_CAST_COUNT, _TRIED_COUNT, _DRAWS = 400, 200, 4
+_CAST_COUNT, _DRAWS = 400, 4
 _SEGMENT_COUNT, _DT, _SAMPLE_DT = 20, 2e-3, 0.05
 # Width of the squares of the table that are counted [m].
 _CELL = 0.04
@@ -205,9 +205,15 @@ class LabCheck:
 
     def refusal(self) -> str:
         """Return why no cast is worth making, and what would change that."""
-        reasons = "; ".join(self.limits)
-        better = "; ".join(str(change) for change in self.changes) or "nothing that was tried helps"
-        return f"no cast of {self.setup.cable.name} stays on the table: {reasons}. Try {better}"
+        what = f"no cast of {self.setup.cable.name} stays on the table"
+        return f"{what}: {'; '.join(self.limits)}. {remedy(self.changes)}"
+
+
+def remedy(changes: tuple[Change, ...]) -> str:
+    """Return what would reach more of the table, in one sentence."""
+    if not changes:
+        return "No change that was tried helps"
+    return f"Simulated casts reach more with {'; '.join(str(change) for change in changes)}"
 
 
 @says_what_it_takes
@@ -243,11 +249,9 @@ def check(
         found = _believed(setup, seed)
     except InputError as error:
         helped = _try_changes(setup, 0.0, seed, progress) if changes else ()
-        better = "; ".join(str(change) for change in helped) or "nothing that was tried helps"
-        raise InputError(f"{error}. Try {better}" if changes else str(error)) from None
+        raise InputError(f"{error}. {remedy(helped)}" if changes else str(error)) from None
     if changes:
-        before = _reached(found.places, found.landing_xy[0][: 2 * _TRIED_COUNT])
-        helped = _try_changes(setup, before, seed, progress)
+        helped = _try_changes(setup, float(found.shares[0]), seed, progress)
         found = dataclasses.replace(found, changes=helped)
     if out is not None:
         from cablecast.report.maps import reach_map
@@ -371,7 +375,7 @@ def _try_changes(
 
 def _share(setup: Setup, seed: int) -> float:
     """Return the share of the table that some casts of the believed cable reach [-]."""
-    actions, _ = _draw(setup, _TRIED_COUNT, seed)
+    actions, _ = _draw(setup, _CAST_COUNT, seed)
     landed, left = _landings(setup, _tracks(setup, (Dynamics.of(None, setup),), actions)[0])
     return float(LabCheck(setup=setup, landing_xy=landed[None], leaving_xy=left).shares[0])
 

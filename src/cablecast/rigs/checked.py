@@ -21,7 +21,14 @@ from numpy.typing import NDArray
 from cablecast.arm.base import Arm
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.errors import CablecastError, RigError, StoppedError, check_count, check_number
+from cablecast.errors import (
+    CablecastError,
+    RigError,
+    StoppedError,
+    check_count,
+    check_number,
+    says_what_it_takes,
+)
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at
 from cablecast.rigs.base import Rig, RigLifecycle, error_line, foreign_code, purpose_seed
 from cablecast.setup import Setup
@@ -125,6 +132,7 @@ class CheckedRig(RigLifecycle):
         self._call("reset", self.rig.reset)
         self._is_reset = True
 
+    @says_what_it_takes
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Play one motion from the reset state, and report where the endpoint went.
 

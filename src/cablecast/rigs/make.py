@@ -80,7 +80,7 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
         return make_ur_rig(setup)
     if isinstance(spec, str):
         module_name, colon, factory_name = spec.partition(":")
-        if not (colon and module_name and factory_name):
+        if not (colon and module_name and factory_name) or module_name == "virtual":
             names = ", ".join(RIG_NAMES)
             raise RigError(f"unknown rig {spec[:80]!r}: one of {names}, or package.module:factory")
         with _working_directory_importable():
