@@ -61,8 +61,8 @@ def spread_actions(
     if len(first) < count:
         raise InputError(
             f"simulated casts of the {'believed' if dynamics is None else 'fitted'} cable land at "
-            f"{len(first)} places of the table, too few to spread {count} casts: check the cable's "
-            "file and the table"
+            f"{len(first)} places of the table, too few to spread {count} casts: `cablecast "
+            "check` says what would reach more"
         )
     scale = actions.std(axis=0) + 1e-9
     chosen = []
