@@ -160,6 +160,8 @@ def run_command(command: str, words: list[str]) -> int:
     run, args = parse(command, words)
     quoted = quoted_as(command, args)
     line = QUOTED[quoted][0] if quoted else shlex.join([command, *words])
+    kept = getattr(args, "out", None)
+    resumes = kept is not None and kept.is_dir() and any(kept.iterdir())
     result, status = measured(
         run(args),
         name=quoted or command,
@@ -167,6 +169,9 @@ def run_command(command: str, words: list[str]) -> int:
         settings=settings_of(args),
         code=COMMANDS[command][1],
     )
+    if resumes:
+        # An earlier call did a part of the work.
+        result = dataclasses.replace(result, seconds=None)
     path = result.write(FOLDER if quoted else OTHER)
     print(f"\n{path}", *(["make results writes it into the pages"] if quoted else []), sep="\n")
     return status
