@@ -108,9 +108,11 @@ def test_a_program_that_hangs_is_ended_with_and_without_a_dashboard(twin):
         hold = f"servoj({q}, t=0.1, lookahead_time=0.1, gain=300)"
         link.send_program(f"def hang():\n  local n = 0\n  while n < 1:\n    {hold}\n  end\nend\n")
         deadline = time.monotonic() + 30.0
-        while process.admin.state()["program"] != "hang":
+        # Reports of before may still be under way.
+        while not link.wait_for_report().is_playing:
             assert time.monotonic() < deadline
             time.sleep(0.01)
+        assert process.admin.state()["program"] == "hang"
         with pytest.raises(RigError, match="another program runs on the controller"):
             check_ready(link, setup.robot)
         link.stop_program()
