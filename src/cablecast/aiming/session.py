@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.aiming.config import AimConfig
 from cablecast.aiming.ensemble import USUAL_DISTANCES
 from cablecast.aiming.predictor import SPREAD_COUNT, Beliefs, LandingPredictor
-from cablecast.aiming.propose import propose
+from cablecast.aiming.propose import NEAR, propose
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import HIT_CHANCE_MIN, Cast, EndpointTrack, Proposal, RegionLaw
 from cablecast.conventions import xy_to_polar
@@ -279,11 +279,11 @@ class AimSession:
     def stop_reason(self, proposal: Proposal) -> str:
         """Return why a proposed cast is not worth making, in words; empty where it is.
 
-        It is not where it is nearly certain to miss: at the first try outside the simulated
-        coverage, at the second where it is expected no nearer than an earlier one landed, from the
-        third on where it is expected less than twice as near, or where the scatter of equal casts
-        alone lets it miss. Nor is it, from the third try on, where it is expected to miss, and
-        hardly nearer than an earlier one. `AimConfig.anyway` makes it all the same.
+        It is not where it is nearly certain to miss: as long as none landed where it is expected
+        far off, at the second try where it is expected no nearer than the first one landed, from
+        the third on where it is expected less than twice as near, or where the scatter of equal
+        casts alone lets it miss. Nor is it, from the third try on, where it is expected to miss,
+        and hardly nearer than an earlier one. `AimConfig.anyway` makes it all the same.
         """
         number, target = proposal.try_number, proposal.target_xy
 
@@ -293,17 +293,19 @@ class AimSession:
         landed = [cast.final_xy for _, cast in self._counted() if cast.landed and number > 1]
         near = min(landed or [self.model.policy.nearest_landing(target)], key=miss)
         hopeless = proposal.hit_chance < HIT_CHANCE_MIN
-        share = miss(proposal.expected_xy) / max(miss(near), 1e-9)
+        expected = miss(proposal.expected_xy)
+        share = expected / max(miss(near), 1e-9)
+        within = self.config.within_pct / 100.0 * self.setup.cable.length
         if not landed:
-            stops = hopeless and (number >= _STOP_TRY or not proposal.inside_coverage)
+            far = expected > max(within, NEAR * self.setup.cable.length)
+            stops = hopeless and (number >= _STOP_TRY or far)
         elif number < _STOP_TRY:
             stops = hopeless and share >= 1.0
         else:
-            within = self.config.within_pct / 100.0 * self.setup.cable.length
             square = (within / max(proposal.scatter, 1e-9)) ** 2
             scatters = -math.expm1(-0.5 * square) < HIT_CHANCE_MIN
             stops = hopeless and (scatters or share >= _NEARER)
-            stops |= miss(proposal.expected_xy) > within and share >= _HARDLY_NEARER
+            stops |= expected > within and share >= _HARDLY_NEARER
         if self.config.anyway or not stops:
             return ""
         r, theta = xy_to_polar(near)

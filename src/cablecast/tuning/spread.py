@@ -54,16 +54,20 @@ def spread_actions(
     xy = played.rollout(engine, setup, paths, sample_dt=_SAMPLE_DT).endpoint_xy
     distance = setup.workspace.edge_distance(xy)
     # On a small table the free end may lie nearer to an edge after the reset: it may come as near.
-    edge = np.minimum(EDGE, 0.9 * distance[:, :1].min())
-    safe = np.isfinite(xy).all(axis=(1, 2)) & (distance.min(axis=1) > edge)
-    actions, landing_xy = actions[safe], xy[safe, -1]
-    _, first = np.unique(np.round(landing_xy / _CELL), axis=0, return_index=True)
-    if len(first) < count:
+    # Where it hardly moves away from there, any cast counts that stays on the table.
+    for edge in (min(EDGE, 0.9 * float(distance[:, 0].min())), 0.0):
+        safe = np.isfinite(xy).all(axis=(1, 2)) & (distance.min(axis=1) > edge)
+        landing_xy = xy[safe, -1]
+        _, first = np.unique(np.round(landing_xy / _CELL), axis=0, return_index=True)
+        if len(first) >= count:
+            break
+    else:
         raise InputError(
             f"simulated casts of the {'believed' if dynamics is None else 'fitted'} cable land at "
             f"{len(first)} places of the table, too few to spread {count} casts: `cablecast "
             "check` says what would reach more"
         )
+    actions = actions[safe]
     scale = actions.std(axis=0) + 1e-9
     chosen = []
     for middle in _middles(landing_xy[first], count, seed):
