@@ -1,3 +1,4 @@
+import dataclasses
 import io
 import re
 
@@ -62,12 +63,14 @@ def test_frames_are_evenly_spaced_in_slow_motion_and_show_the_rest(shot):
     assert times[-1] > shot.cast.duration
 
 
-def test_a_gif_holds_every_frame_and_its_duration(shot, tmp_path):
+@pytest.mark.parametrize("rate", [4, 30])
+def test_a_gif_holds_every_frame_and_its_duration(rate, shot, tmp_path):
     from PIL import Image
 
+    config = dataclasses.replace(SMALL, frames_per_second=rate)
     seen = []
-    write_film(tmp_path / "a.gif", SETUP, [shot], SMALL, lambda p: seen.append(p.done))
-    frames = len(frame_times(shot, SMALL))
+    write_film(tmp_path / "a.gif", SETUP, [shot], config, lambda p: seen.append(p.done))
+    frames = len(frame_times(shot, config))
     assert seen == list(range(1, frames + 1))
     with Image.open(tmp_path / "a.gif") as film:
         assert film.size == (128, 72)
@@ -76,7 +79,7 @@ def test_a_gif_holds_every_frame_and_its_duration(shot, tmp_path):
             film.seek(frame)
             durations.append(film.info["duration"])
     # Equal frames are stored once, with the time of both.
-    assert sum(durations) == frames * 250
+    assert abs(sum(durations) - frames * 1000 / rate) <= 5
 
 
 def test_an_mp4_plays_every_frame(shot, tmp_path):
@@ -114,3 +117,6 @@ def test_a_film_of_an_unknown_kind_or_of_nothing_is_refused(shot, tmp_path):
         write_film(tmp_path / "a.avi", SETUP, [shot], SMALL)
     with pytest.raises(InputError, match="casts to film = 0"):
         write_film(tmp_path / "a.gif", SETUP, [], SMALL)
+    quick = dataclasses.replace(SMALL, frames_per_second=60)
+    with pytest.raises(InputError, match="frames_per_second of a GIF = 60 is outside"):
+        write_film(tmp_path / "a.gif", SETUP, [shot], quick)

@@ -53,6 +53,7 @@ REST = 1.2
 """Time that a cable at rest is shown before the next cast [s]."""
 
 _GIF_COLORS = 96
+_GIF_RATE_MAX = 50  # Browsers show a shorter frame of a GIF for a tenth of a second.
 _SWATCH = 20  # Height of the colours that the palette must hold [pixel].
 _SIZE_MAX = 3840
 _CAST_COUNT_MAX = 200
@@ -115,6 +116,7 @@ def write_film(
         return
     frames = film_frames(setup, shots, config, progress)
     if kind == ".gif":
+        check_count("frames_per_second of a GIF", config.frames_per_second, 1, _GIF_RATE_MAX)
         write_bytes(path, gif_bytes(frames, config))
     else:
         # OpenCV's order of colours.
@@ -336,17 +338,19 @@ def gif_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
     sample.paste(colors.resize((first.width, _SWATCH), Image.Resampling.NEAREST), (0, first.height))
     palette = sample.quantize(_GIF_COLORS, method=Image.Quantize.MEDIANCUT)
 
-    def reduced(frame: Image.Image) -> Image.Image:
-        return frame.quantize(palette=palette, dither=Image.Dither.NONE)
+    def reduced(number: int, frame: Image.Image) -> Image.Image:
+        found = frame.quantize(palette=palette, dither=Image.Dither.NONE)
+        # The format counts in hundredths of a second, so frames differ by one of them.
+        start, end = (round(100 * at / config.frames_per_second) for at in (number, number + 1))
+        found.info["duration"] = 10 * (end - start)
+        return found
 
     buffer = io.BytesIO()
-    # The format counts in hundredths of a second.
-    reduced(first).save(
+    reduced(0, first).save(
         buffer,
         format="GIF",
         save_all=True,
-        append_images=map(reduced, frames),
-        duration=10 * round(100 / config.frames_per_second),
+        append_images=(reduced(*row) for row in enumerate(frames, 1)),
         loop=0,
         optimize=True,
         disposal=1,
