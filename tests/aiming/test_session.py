@@ -366,15 +366,22 @@ def test_a_third_cast_is_made_where_it_is_expected_much_nearer(policy):
 def test_a_third_cast_that_changes_hardly_anything_is_not_made_however_wide_its_region(policy):
     target = np.array([0.3, 1.1])
     with rig_of(policy, bias=0.3) as rig:
-        session = session_of(policy, within_pct=6.0, anyway=False)
+        session = session_of(policy, anyway=False)
         casts = [session.cast(rig, session.propose(target)) for _ in range(2)]
     missed = min((cast.final_xy - target for cast in casts), key=np.linalg.norm)
-    wide = dataclasses.replace(session.propose(target), covariance=np.sum(missed**2) * np.eye(2))
-    nearer, hardly = (
-        dataclasses.replace(wide, expected_xy=target + share * missed) for share in (0.4, 0.9)
+    square = np.sum(missed**2)
+    within = 80.0 * np.sqrt(square) / SETUP.cable.length
+    session.config = dataclasses.replace(session.config, within_pct=within)
+    nearer, hardly, likely = (
+        dataclasses.replace(
+            session.propose(target),
+            expected_xy=target + share * missed,
+            covariance=spread * square * np.eye(2),
+        )
+        for share, spread in ((0.4, 3.0), (0.9, 3.0), (0.9, 0.3))
     )
-    assert min(nearer.hit_chance, hardly.hit_chance) > 0.05
-    assert session.stop_reason(nearer) == ""
+    assert 0.05 < hardly.hit_chance < 0.15 < likely.hit_chance
+    assert session.stop_reason(nearer) == session.stop_reason(likely) == ""
     assert "would hit it with a chance of" in session.stop_reason(hardly)
 
 

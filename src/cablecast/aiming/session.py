@@ -55,8 +55,10 @@ ENOUGH = 40
 
 _INNOVATION_MAX = 4.0
 # From this try on, a cast whose chance to hit is small must be expected this much nearer than the
-# nearest landing so far, as a share of its distance, and any other that is expected to miss, too.
-_STOP_TRY, _NEARER, _HARDLY_NEARER = 3, 0.5, 0.75
+# nearest landing so far, as a share of its distance; and so must one that is expected to miss, with
+# a chance up to this.
+_STOP_TRY, _NEARER = 3, 0.5
+_HARDLY_NEARER, _HARDLY_CHANCE = 0.75, 0.15
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _SCALE_GROWTH = 1.3
 
@@ -305,7 +307,8 @@ class AimSession:
             square = (within / max(proposal.scatter, 1e-9)) ** 2
             scatters = -math.expm1(-0.5 * square) < HIT_CHANCE_MIN
             stops = hopeless and (scatters or share >= _NEARER)
-            stops |= expected > within and share >= _HARDLY_NEARER
+            unlikely = proposal.hit_chance < _HARDLY_CHANCE and expected > within
+            stops |= unlikely and share >= _HARDLY_NEARER
         if self.config.anyway or not stops:
             return ""
         r, theta = xy_to_polar(near)
