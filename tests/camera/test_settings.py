@@ -95,5 +95,5 @@ def test_a_lens_of_another_image_size_is_refused():
 
 
 def test_something_else_than_a_camera_is_refused():
-    with pytest.raises(InputError, match="camera must be a CameraSettings, not str"):
+    with pytest.raises(InputError, match="camera must be CameraSettings, not str"):
         Setup(camera="0")  # pyright: ignore[reportArgumentType]
