@@ -54,11 +54,9 @@ ENOUGH = 40
 """Casts from which on no fit is due: more hardly change the parameters."""
 
 _INNOVATION_MAX = 4.0
-# From this try on, a cast whose chance to hit is small must be expected this much nearer than the
-# nearest landing so far, as a share of its distance; and so must one that is expected to miss, with
-# a chance up to this.
-_STOP_TRY, _NEARER = 3, 0.5
-_HARDLY_NEARER, _HARDLY_CHANCE = 0.75, 0.15
+# A cast with a smaller chance to hit than this must be expected nearer than this share of the
+# nearest landing's distance; so many casts in a row that come no nearer are the last at a target.
+_UNLIKELY, _NEARER, _STUCK = 0.1, 0.75, 3
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _SCALE_GROWTH = 1.3
 
@@ -281,39 +279,34 @@ class AimSession:
     def stop_reason(self, proposal: Proposal) -> str:
         """Return why a proposed cast is not worth making, in words; empty where it is.
 
-        It is not where it is nearly certain to miss: as long as none landed where it is expected
-        far off, at the second try where it is expected no nearer than the first one landed, from
-        the third on where it is expected less than twice as near, or where the scatter of equal
-        casts alone lets it miss. Nor is it, from the third try on, where it is expected to miss,
-        and hardly nearer than an earlier one. `AimConfig.anyway` makes it all the same.
+        It is not where the last three casts at the target came no nearer than those before, where
+        it will hardly hit and is expected hardly nearer than the nearest landing, the scatter of
+        equal casts included, or where none has landed and this one is expected far off.
+        `AimConfig.anyway` makes it all the same.
         """
-        number, target = proposal.try_number, proposal.target_xy
+        target, length = proposal.target_xy, self.setup.cable.length
 
         def miss(xy: NDArray[np.float64]) -> float:
             return float(np.linalg.norm(xy - target))
 
-        landed = [cast.final_xy for _, cast in self._counted() if cast.landed and number > 1]
+        misses = [miss(c.final_xy) if c.landed else math.inf for c in self.casts_at(target)]
+        landed = [cast.final_xy for _, cast in self._counted() if cast.landed and misses]
         near = min(landed or [self.model.policy.nearest_landing(target)], key=miss)
-        hopeless = proposal.hit_chance < HIT_CHANCE_MIN
         expected = miss(proposal.expected_xy)
-        share = expected / max(miss(near), 1e-9)
-        within = self.config.within_pct / 100.0 * self.setup.cable.length
-        if not landed:
-            far = expected > max(within, NEAR * self.setup.cable.length)
-            stops = hopeless and (number >= _STOP_TRY or far)
-        elif number < _STOP_TRY:
-            stops = hopeless and share >= 1.0
+        before = min(misses[:-_STUCK], default=math.inf)
+        stuck = len(misses) >= _STUCK and min(misses[-_STUCK:]) >= before
+        if landed:
+            hardly = math.hypot(expected, math.sqrt(2.0) * proposal.scatter) >= _NEARER * miss(near)
+            stops = proposal.hit_chance < _UNLIKELY and hardly
         else:
-            square = (within / max(proposal.scatter, 1e-9)) ** 2
-            scatters = -math.expm1(-0.5 * square) < HIT_CHANCE_MIN
-            stops = hopeless and (scatters or share >= _NEARER)
-            unlikely = proposal.hit_chance < _HARDLY_CHANCE and expected > within
-            stops |= unlikely and share >= _HARDLY_NEARER
-        if self.config.anyway or not stops:
+            far = expected > max(proposal.within_pct / 100.0, NEAR) * length
+            stops = proposal.hit_chance < HIT_CHANCE_MIN and far
+        if self.config.anyway or not (stuck or stops):
             return ""
+        why = f"none of the last {_STUCK} casts came nearer" if stuck else proposal.outlook
         r, theta = xy_to_polar(near)
         return (
-            f"{proposal.outlook}; the nearest landing of a {'' if landed else 'simulated '}cast is "
+            f"{why}; the nearest landing of a {'' if landed else 'simulated '}cast is "
             f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * miss(near):.0f} cm beside"
             " it"
         )
