@@ -33,7 +33,7 @@ def rig_of(policy, **options):
 
 
 def track_to(final_xy):
-    """A track that is seen at rest at one place, or not at all where it is NaN."""
+    """Return a track that is seen at rest at one place, or not at all where it is NaN."""
     landed = np.all(np.isfinite(final_xy))
     return cc.EndpointTrack(
         times=np.arange(4) / 10,

@@ -114,7 +114,7 @@ def test_a_step_towards_several_casts_is_that_of_a_fit_to_them(posterior, engine
     precision = np.linalg.inv(WIDENING**2 * posterior.covariance)
     belief = Gaussian(mean=point, precision=precision)
     fit = TrackFit(TrackObjective(engine, cable, three), posterior.space, belief)
-    state = fit.first_step(point[None], posterior.misfit)
+    state = fit.step(fit.start(point[None], posterior.misfit))
     # Casts that are simulated alone differ from those in a batch by rounding.
     apart = np.linalg.norm(posterior.space.to_unit(after) - state.points[0])
     assert apart < 0.01 * np.linalg.norm(state.points[0] - point)

@@ -19,7 +19,7 @@ import numpy as np
 from cablecast.cable import PARAMS, Cable, CableParams
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import check_count, check_number
+from cablecast.errors import InputError, check_count, check_number
 from cablecast.tuning.fit import Curvature, FitConfig, FitState, TrackFit
 from cablecast.tuning.space import Gaussian, ParamPosterior, ParamPrior, SearchSpace
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
@@ -62,8 +62,11 @@ class Ensemble:
             KeyError: An entry is missing.
             InputError: A value is out of bounds.
         """
+        members = tuple(Dynamics.from_dict(row) for row in values["members"])
+        if not members:
+            raise InputError("an ensemble has no members")
         return cls(
-            members=tuple(Dynamics.from_dict(row) for row in values["members"]),
+            members=members,
             segment_count=check_count("segment_count", values["segment_count"], 2),
             dt=check_number("dt", values["dt"], 1e-7, 1e-2, "s"),
             fine_segment_count=check_count("fine_segment_count", values["fine_segment_count"], 2),
@@ -197,7 +200,8 @@ class ParamUpdate:
             gradient=np.sum([curve.gradient for curve in curves], axis=0),
             hessian=precision + np.sum([curve.hessian - precision for curve in curves], axis=0),
         )
-        state = self._fit(tracks).first_step(self._point[None], self._misfit, [joined])
+        fit = self._fit(tracks)
+        state = fit.step(fit.start(self._point[None], self._misfit), [joined])
         return self._space.to_params(state.points[0])
 
     def _fit(self, tracks: MeasuredTracks) -> TrackFit:

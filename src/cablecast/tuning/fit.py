@@ -47,6 +47,8 @@ _DAMPING_MIN, _DAMPING_MAX = 1e-6, 1e6
 _LATERAL, _WORKSURFACE = (
     PAPER_PARAMS.index(name) for name in ("lateral_friction", "worksurface_friction")
 )
+# A table without friction says as much of that of the cable as one of this friction factor.
+_FRICTION_MIN = 1e-3
 # Distances below this share of the misfit are all as good as zero.
 _DISTANCE_SHARE = 0.5
 
@@ -58,7 +60,8 @@ class FitConfig:
     Attributes:
         start_count: Starting points: the believed values, and draws from what is believed.
         coarse_iterations: Steps from each at the coarse resolution.
-        fine_start_count: Starting points that go on at full resolution.
+        fine_start_count: Starting points that go on at full resolution, of the third of them that
+            the coarse steps leave.
         fine_iterations: Steps of these.
         coarse_segment_count: Number of segments of the coarse cable. With 30, a rope with a damping
             time would just need steps shorter than `coarse_dt`.
@@ -84,7 +87,7 @@ class FitConfig:
         check_materials(self.materials)
         for name, low, high in (
             ("start_count", 1, 1000),
-            ("coarse_iterations", 0, 1000),
+            ("coarse_iterations", 1, 1000),
             ("fine_start_count", 1, 1000),
             ("fine_iterations", 1, 1000),
             ("ensemble_iterations", 0, 1000),
@@ -169,40 +172,19 @@ class TrackFit:
         self.simulation_count = 0
 
     def start(self, points: NDArray[np.float64], misfit: float) -> FitState:
-        """Return the state of a fit that starts at some points."""
-        losses = self._losses(self._offsets(points))
-        return FitState(
-            points=points,
-            costs=self._cost(points, losses, misfit),
-            losses=losses,
-            dampings=np.ones(len(points)),
-            misfit=misfit,
-        )
-
-    def first_step(
-        self,
-        points: NDArray[np.float64],
-        misfit: float,
-        curvatures: Sequence[Curvature] | None = None,
-    ) -> FitState:
-        """Take the first step of a fit, without simulating the points on their own before.
-
-        The quadratic models of F at the points are simulated where none are given; the misfit is
-        the scale b of the model's own error [cable lengths].
-        """
+        """Return the state of a fit that starts at some points, where F is not known yet."""
         unknown = np.full(len(points), np.nan)
         dampings = np.ones(len(points))
-        state = FitState(
+        return FitState(
             points=points, costs=unknown, losses=unknown, dampings=dampings, misfit=misfit
         )
-        return self._step(state, curvatures or self.curvatures(points, misfit))
 
-    def step(self, state: FitState) -> FitState:
-        """Take one damped Gauss-Newton step from every point; a point that it worsens stays."""
-        return self._step(state, self.curvatures(state.points, state.misfit))
+    def step(self, state: FitState, curvatures: Sequence[Curvature] | None = None) -> FitState:
+        """Take one damped Gauss-Newton step from every point; a point that it worsens stays.
 
-    def _step(self, state: FitState, curvatures: Sequence[Curvature]) -> FitState:
-        """Take a step from points at which F is known up to the second order."""
+        The quadratic models of F at the points are simulated where none are given.
+        """
+        curvatures = curvatures or self.curvatures(state.points, state.misfit)
         here = np.array([curve.loss for curve in curvatures])
         state = dataclasses.replace(
             state, costs=self._cost(state.points, here, state.misfit), losses=here
@@ -216,7 +198,7 @@ class TrackFit:
         )
         tried = state.points[:, None] + moves
         flat = tried.reshape(-1, tried.shape[-1])
-        losses = self._losses(self._offsets(flat))
+        losses = self._losses(self._offsets(flat)[0])
         costs = self._cost(flat, losses, state.misfit).reshape(tried_dampings.shape)
         losses = losses.reshape(costs.shape)
         rows = np.arange(len(state.points))
@@ -267,8 +249,11 @@ class TrackFit:
         moved = np.delete(np.arange(dimension), _WORKSURFACE)
         shifted = points[:, None] + np.eye(dimension)[moved] * signs[:, None]
         batch = np.concatenate([points[:, None], shifted], axis=1).reshape(-1, dimension)
-        offsets = self._offsets(batch)
-        offsets = offsets.reshape(count, dimension, *offsets.shape[1:])
+        offsets, broken = (
+            values.reshape(count, dimension, *values.shape[1:]) for values in self._offsets(batch)
+        )
+        # Nothing is known of the slope where a simulation broke: what is believed stands there.
+        sound = ~(broken[:, 1:] | broken[:, :1])[..., None]
         weights = self._weights(offsets[:, 0], misfit)
         if expected:
             # Of exp(-|r| / b) in the plane, the information along each axis is 1 / (2 b²).
@@ -280,7 +265,8 @@ class TrackFit:
         for row in range(count):
             base = offsets[row, 0]
             jacobian = np.empty((dimension, *base.shape))
-            jacobian[moved] = (offsets[row, 1:] - base) / signs[row, moved, None, None, None]
+            changes = np.where(sound[row], offsets[row, 1:] - base, 0.0)
+            jacobian[moved] = changes / signs[row, moved, None, None, None]
             jacobian[_WORKSURFACE] = jacobian[_LATERAL] * self._friction_ratio(points[row])
             weighted = weights[row][..., None] * base
             hessian = np.einsum("atic,ti,btic->ab", jacobian, weights[row], jacobian)
@@ -298,13 +284,18 @@ class TrackFit:
         """Return the effect of worksurface over that of lateral friction in unit coordinates."""
         values = self.space.to_params(point)
         widths = self.space.high - self.space.low
-        ratio = float(np.asarray(values.lateral_friction / values.worksurface_friction))
-        return ratio * float(widths[_WORKSURFACE] / widths[_LATERAL])
+        worksurface = np.maximum(values.worksurface_friction, _FRICTION_MIN)
+        return float(values.lateral_friction / worksurface) * float(
+            widths[_WORKSURFACE] / widths[_LATERAL]
+        )
 
-    def _offsets(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _offsets(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return offsets of simulated from measured endpoints at points of the unit cube.
 
-        They are in cable lengths, 0 where none was measured, shape [point, trial, sample, 2].
+        They are in cable lengths, 0 where none was measured, shape [point, trial, sample, 2], with
+        whether the simulation broke there, shape [point, trial, sample].
         """
         objective = self.objective
         tracks = objective.tracks
@@ -312,8 +303,8 @@ class TrackFit:
         self.simulation_count += finite.size
         offsets = (xy[:, :, :-1] - tracks.endpoint_xy) / objective.cable.length
         broken = ~np.isfinite(offsets).all(axis=-1) | ~finite[:, :, None]
-        offsets[broken] = NON_FINITE_DISTANCE
-        return np.where(tracks.compared[None, :, :, None], offsets, 0.0)
+        offsets[broken] = (NON_FINITE_DISTANCE, 0.0)
+        return np.where(tracks.compared[None, :, :, None], offsets, 0.0), broken
 
     def _weights(self, offsets: NDArray[np.float64], misfit: float) -> NDArray[np.float64]:
         """Return the weights of squared offsets whose gradient is that of F, [point, trial, i]."""

@@ -94,6 +94,11 @@ class _Motions:
             trial.append(np.full(np.count_nonzero(used), row))
             times.append(reported.times[used])
             measured.append(reported.q[used])
+        if not any(map(len, trial)):
+            raise DatasetError(
+                "no joints were reported during any motion: record them with the clock of the set "
+                "points"
+            )
         return cls(
             q=q,
             trial=np.concatenate(trial),
@@ -173,8 +178,12 @@ def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
     if not known:
         raise DatasetError("no joint moves in any trial: its servo cannot be identified")
     usual = np.median(known, axis=0)
-    values = np.array([usual if fit is None else fit for fit in fits])
-    limited = [_fit_limits(motions, joint, values[joint], usual) for joint in joints]
+    limited = [
+        np.array([*usual, np.inf, np.inf])
+        if fit is None
+        else _fit_limits(motions, joint, fit, usual)
+        for joint, fit in enumerate(fits)
+    ]
     model = ServoModel(**dict(zip(_NAMES, np.transpose(limited), strict=True)))
     modelled = motions.sample(model.respond(motions.q, TICK))
     residual = np.sqrt(np.mean((modelled - motions.measured) ** 2, axis=0))

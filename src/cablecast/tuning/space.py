@@ -30,7 +30,7 @@ from cablecast.cable import (
     Cable,
     CableParams,
 )
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, check_number, check_seed
 
 YIELD_TIME = 0.4
 """Time in which a bend beyond a fitted yield curvature stays in the cable [s]."""
@@ -345,7 +345,8 @@ class ParamPosterior:
 
     def draw(self, count: int, seed: int = 0) -> CableParams:
         """Draw a number of sets of parameters; the first one is the most likely."""
-        rng = np.random.default_rng([seed, 13])
+        check_count("count", count)
+        rng = np.random.default_rng([check_seed(seed), 13])
         factor = np.linalg.cholesky(self.covariance)
         points = self.mean + rng.normal(size=(count, len(self.mean))) @ factor.T
         points[0] = self.mean
@@ -398,7 +399,7 @@ class ParamPosterior:
         weights = np.array([params.worksurface_friction, params.lateral_friction])
         after = weights @ self.covariance[np.ix_(rows, rows)] @ weights
         before = weights**2 @ self.prior.deviation[rows] ** 2
-        return float(np.sqrt(after / before))
+        return float(np.sqrt(after / max(before, 1e-12)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values to store with the parameters."""
@@ -443,14 +444,22 @@ class ParamPosterior:
             for name, array in arrays.items():
                 if array.shape != shapes.get(name, (size,)) or not np.isfinite(array).all():
                     raise InputError(f"{name} has shape {array.shape}")
+            covariance = arrays["covariance"]
+            if (
+                not np.array_equal(covariance, covariance.T)
+                or np.linalg.eigvalsh(covariance)[0] <= 0
+            ):
+                raise InputError("its covariance is not positive definite")
+            if np.any(np.abs(arrays["mean"] - 0.5) > 0.5) or np.any(arrays["prior_deviation"] <= 0):
+                raise InputError("a mean lies outside its range, or a deviation is not positive")
             return cls(
                 space=space,
                 prior=ParamPrior(mean=arrays["prior_mean"], deviation=arrays["prior_deviation"]),
                 mean=arrays["mean"],
                 covariance=arrays["covariance"],
-                misfit=float(values["misfit"]),
-                distance=float(values["distance"]),
-                track_count=int(values["track_count"]),
+                misfit=check_number("misfit", values["misfit"], 1e-9, 1e9),
+                distance=check_number("distance", values["distance"], 0.0, 1e9),
+                track_count=check_count("track_count", values["track_count"], 0),
             )
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise InputError(f"this is no posterior of a fit: {error}") from None

@@ -69,12 +69,15 @@ def spread_actions(
         )
     actions = actions[safe]
     scale = actions.std(axis=0) + 1e-9
-    chosen = []
+    chosen: list[int] = []
     for middle in _middles(landing_xy[first], count, seed):
-        near = actions[np.argsort(np.linalg.norm(landing_xy - middle, axis=1))[:_NEAR_COUNT]]
-        unusual = np.linalg.norm((near - np.median(near, axis=0)) / scale, axis=1)
+        distance = np.linalg.norm(landing_xy - middle, axis=1)
+        # No cast twice, where parts lie near each other.
+        distance[chosen] = np.inf
+        near = np.argsort(distance)[: min(_NEAR_COUNT, len(distance) - len(chosen))]
+        unusual = np.linalg.norm((actions[near] - np.median(actions[near], axis=0)) / scale, axis=1)
         chosen.append(near[np.argmin(unusual)])
-    return mirror_actions(np.array(chosen), np.where(np.arange(count) % 2 == 1, -1.0, 1.0))
+    return mirror_actions(actions[chosen], np.where(np.arange(count) % 2 == 1, -1.0, 1.0))
 
 
 def _middles(points: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:

@@ -138,7 +138,7 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
             metrics={"dataset_fingerprint": str(fingerprint)} if fingerprint else {},
             path=pathlib.Path(path),
         )
-    except (InputError, KeyError, AttributeError, OverflowError) as error:
+    except (InputError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise _refusal(file, error) from None
     if stored not in (None, setup.cable.name):
         raise InputError(f"{file} holds parameters of {stored}, not of {setup.cable.name}")
