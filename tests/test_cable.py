@@ -72,8 +72,10 @@ def test_an_unknown_cable_is_refused_with_those_that_exist():
 
 
 def test_a_file_that_does_not_exist_is_refused(tmp_path):
-    with pytest.raises(UnknownNameError, match="unknown cable"):
+    with pytest.raises(UnknownNameError, match=r"there is no cable file .*none.yaml"):
         load_cable(str(tmp_path / "none.yaml"))
+    with pytest.raises(UnknownNameError, match=r"unknown cable .*ends in .yaml"):
+        load_cable(str(tmp_path))
 
 
 def changed(**changes):

@@ -264,8 +264,9 @@ class CableParams:
     def rows(self, worlds: slice | NDArray[np.int_] | NDArray[np.bool_]) -> "CableParams":
         """Return the values of some worlds; those that all worlds share stay so."""
         values = {name: getattr(self, name) for name in PARAMS}
+        # One world's parameters go with any number of worlds.
         return CableParams(
-            **{name: v if np.ndim(v) == 0 else v[worlds] for name, v in values.items()}
+            **{name: v if np.size(v) == 1 else v[worlds] for name, v in values.items()}
         )
 
     @classmethod
@@ -496,7 +497,7 @@ def guess_params(
     Raises:
         InputError: There is no such kind, or a number is out of bounds.
     """
-    if kind not in _KINDS:
+    if not isinstance(kind, str) or kind not in _KINDS:
         raise InputError(f"cable kind = {str(kind)[:40]!r} must be one of {', '.join(_KINDS)}")
     length = check_number("cable length", length, 0.05, 5.0, "m")
     d = check_number("cable diameter", diameter, 0.0005, 0.05, "m")
@@ -579,10 +580,13 @@ def load_cable(name_or_path: str | os.PathLike[str]) -> Cable:
     if name in _PRESETS:
         return _PRESETS[name]
     path = pathlib.Path(name)
-    if path.suffix not in (".yaml", ".yml") or not path.is_file():
+    if path.suffix not in (".yaml", ".yml"):
         raise UnknownNameError(
-            f"unknown cable {name[:200]!r}: one of {', '.join(CABLE_NAMES)}, or a YAML file"
+            f"unknown cable {name[:200]!r}: one of {', '.join(CABLE_NAMES)}, or a file whose name "
+            "ends in .yaml"
         )
+    if not path.is_file():
+        raise UnknownNameError(f"there is no cable file {name[:200]}")
     try:
         return Cable.from_dict({"name": path.stem, **read_yaml(path)})
     except UnreadableFileError:

@@ -81,6 +81,8 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
         for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.YAMLError(f"a key in line {key.start_mark.line + 1} is no name")
             if key.value in seen:
                 raise yaml.YAMLError(
                     f"the key {str(key.value)[:40]!r} appears twice, again in line "
@@ -123,6 +125,12 @@ def parse_yaml(text: str, name: str) -> dict[str, Any]:
         values = yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError, TypeError) as error:
         reason = " ".join(str(error).split())[:200]
+        if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+            tab = (
+                "\t" in text.splitlines()[error.problem_mark.line : error.problem_mark.line + 1][0]
+            )
+            what = "it has a tab, indent with spaces" if tab else error.problem
+            reason = f"line {error.problem_mark.line + 1}: {what}"
         raise InputError(f"{name} is not plain YAML: {reason}") from None
     if not isinstance(values, dict):
         raise InputError(f"{name} must hold a mapping of names to values")

@@ -25,7 +25,7 @@ from cablecast.errors import (
     says_what_it_takes,
 )
 from cablecast.files import parse_yaml, read_text, read_yaml, write_text
-from cablecast.workspace import Workspace
+from cablecast.workspace import R_MAX_BOUNDS, Workspace
 
 DEFAULT_CABLE = "cable_1"
 
@@ -231,8 +231,7 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
 
     The grip lies at the paper's height, or as high above the table as a thicker cable needs. r_max
     is what the arm reaches at that height. After a reset the gripper is at the paper's share of
-    r_max, or nearer where the cable would reach beyond the table's far edge. Where the arm holds
-    its gripper down nowhere, they are the paper's.
+    r_max, or nearer where the cable would reach beyond the table's far edge.
 
     Args:
         cable: Cable.
@@ -240,7 +239,8 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
         given: Values that are known, by name.
 
     Raises:
-        InputError: A key is unknown, or a value out of bounds.
+        InputError: A key is unknown, a value out of bounds, or the arm holds its gripper down
+            nowhere.
     """
     known = Workspace.from_dict(given)
     found: dict[str, float] = {}
@@ -250,9 +250,15 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
         pose = np.array([0.0, known.reset_y, {**found, **given}["grip_height"], 0.0, 0.0])
         try:
             reach = float(arm.inverse_motion(pose, 0.0 * pose, 0.0 * pose).radius_max)
-            found["r_max"] = min(math.floor(100 * (reach + arm.grip_offset)) / 100, 2.0)
-        except IKError:
-            pass
+        except IKError as error:
+            raise InputError(f"{error}, or state workspace r_max") from None
+        found["r_max"] = min(math.floor(100 * (reach + arm.grip_offset)) / 100, 2.0)
+        if found["r_max"] < R_MAX_BOUNDS[0]:
+            raise InputError(
+                f"the arm {arm.model} holds its gripper straight down nowhere at grip_height = "
+                f"{pose[2]:g} m: check base_height = {arm.base_height:g} m and gripper_length = "
+                f"{arm.gripper_length:g} m"
+            )
     if "reset_y" not in given:
         r_max = {"r_max": known.r_max, **found, **given}["r_max"]
         far = known.y_max - cable.length - _LYING_MARGIN

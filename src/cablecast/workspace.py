@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 
 _SUPPORT_DEPTH = 0.466
 
+R_MAX_BOUNDS = 0.2, 2.0
+"""Bounds of the largest distance from the base to the gripper [m]."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Workspace:
@@ -59,7 +62,7 @@ class Workspace:
                 "table_depth": (0.3, 10.0, "m"),
                 "table_yaw_deg": (-360.0, 360.0, "deg"),
                 "table_near_y": (-5.0, 1.0, "m"),
-                "r_max": (0.2, 2.0, "m"),
+                "r_max": (*R_MAX_BOUNDS, "m"),
                 "support_depth": (0.0, 2.0, "m"),
                 "reset_y": (0.1, 2.0, "m"),
                 "grip_height": (0.001, 0.5, "m"),

@@ -287,6 +287,19 @@ def test_an_arm_too_short_for_its_gripper_says_so(tmp_path):
         arm.inverse([[0.0, 0.5, 0.02, 0.0, 0.0]])
 
 
+def test_an_arm_whose_first_joint_does_not_turn_ahead_says_which_way_to_turn_it():
+    arm = pybullet_arm("xarm6")
+    q = arm.inverse([[0.0, 0.45, 0.02, 0.0, 0.0]])[0]
+    # Near this posture, but for the first joint, which only turns backwards.
+    limits = dataclasses.replace(
+        arm.limits, middle=tuple((q + [np.pi, 0, 0, 0, 0, 0]).tolist()), position=(1.0,) * 6
+    )
+    turned = dataclasses.replace(arm, limits=limits)
+    words = "straight ahead the joint joint1 of .* stands at -?[0-9]+ deg, outside .*base_yaw"
+    with pytest.raises(IKError, match=words):
+        turned.inverse([[0.0, 0.45, 0.02, 0.0, 0.0]])
+
+
 def test_menagerie_without_its_package_says_what_to_install():
     with pytest.raises(InputError, match="pip install mujoco-menagerie"):
         arm_from_dict({"menagerie": "ufactory_xarm7", "tip": "link7"})

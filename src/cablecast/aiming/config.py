@@ -53,9 +53,12 @@ class AimConfig:
                 "calibration_count is 1: a fit takes at least 2 casts; 0 starts without"
             )
         check_count("simulated_count", self.simulated_count, 50, COUNT_MAX)
-        check_count("epochs", self.epochs, 1)
+        check_count("epochs", self.epochs, 1, COUNT_MAX)
         check_count("candidate_count", self.candidate_count, 1, COUNT_MAX)
         check_seed(self.seed)
+        for name in ("anyway", "refit"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{name} = {getattr(self, name)!r} must be True or False")
 
     @classmethod
     def of(cls, values: "AimConfig") -> "AimConfig":

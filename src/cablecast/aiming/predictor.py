@@ -289,7 +289,8 @@ class LandingPredictor:
         known = [fitted is not None and bool(fitted[row]) for row in rows]
         experience = self.experience
         if not rows:
-            return self
+            fitted_anew = experience.with_fitted_scales() if fit_scales else experience
+            return dataclasses.replace(self, experience=fitted_anew)
         # One batch takes hardly longer than one cast.
         actions = np.array([casts[row].action for row in rows])
         candidates = self.evaluate(*mirror_to_right(actions))
@@ -324,7 +325,7 @@ class LandingPredictor:
         does. Elsewhere they are no better than before, so casts far from the target are left out,
         which saves the time to simulate them. The simulators were not fitted to those of `tracks`.
         """
-        if self.ensemble is None:
+        if self.ensemble is None or not self.casts:
             return self
         rows = self._rows_near(target_xy)
         start = LandingPredictor.of(self.beliefs)
@@ -347,8 +348,8 @@ class LandingPredictor:
     def _rows_near(self, target_xy: _Array) -> NDArray[np.int_]:
         """Return the rows of the casts that tell most of a target, in ascending order.
 
-        A cast is near if it was aimed there or landed there. One without a landing counts where the
-        network expects it.
+        A cast is near if it was aimed there or landed there, and of two that are equally near the
+        later one counts. One without a landing counts where the network expects it.
         """
         actions, side = mirror_to_right(np.array([cast.action for cast in self.casts]))
         landings = np.array([cast.final_xy for cast in self.casts])
@@ -356,7 +357,7 @@ class LandingPredictor:
         ends = np.where(np.isfinite(landings), landings, expected)
         targets = np.array([cast.target_xy for cast in self.casts])
         far = np.fmin(*(np.linalg.norm(xy - target_xy, axis=1) for xy in (ends, targets)))
-        return np.sort(np.argsort(far, kind="stable")[:_NEAR_COUNT])
+        return np.sort(np.lexsort((-np.arange(len(far)), far))[:_NEAR_COUNT])
 
     def evaluate(self, actions: _Array, side: _Array) -> Candidates:
         """Return candidates with what the ensemble says of them, if there is one."""

@@ -128,7 +128,7 @@ class AimSession:
             else is known.
         casts: Casts on the rig that were made before.
         out: Folder that keeps the casts; none where None.
-        config: Settings; `tries` and `within_pct` are used here.
+        config: Settings; `tries`, `within_pct`, `anyway` and `refit` are used here and by `aim`.
         simulators: Settings of the simulators.
         refitting: Makes a new model from all casts; `prepare_aim` gives it.
 
@@ -185,6 +185,7 @@ class AimSession:
         So a session that is opened again goes on as if it had never been closed.
         """
         self.predictor = LandingPredictor.of(self._beliefs)
+        self.drifted = False
         self._scaled_count = 0
         self._local: tuple[tuple, LandingPredictor] | None = None
         for is_aimed, group in itertools.groupby(
@@ -238,7 +239,8 @@ class AimSession:
         before = len(self.store)
         self.store.add_dataset(casts)
         new = list(enumerate(self.store.casts))[before:]
-        self._add(new, len(self.store), always=True)
+        if new:
+            self._add(new, len(self.store), always=True)
         return len(new)
 
     def fork(self) -> "AimSession":
@@ -411,7 +413,12 @@ class AimSession:
         cast = Cast.of_motion(proposal.trajectory, track, "aim", proposal)
         self.store.add(cast)
         drift_count = len(self.predictor.experience.drifts)
-        self._add([(proposal.number, cast)], len(self.store))
+        try:
+            self._add([(proposal.number, cast)], len(self.store))
+        except BaseException:
+            # It was stopped with the cast stored, and nothing learned from it yet.
+            self._condition()
+            raise
         self.drifted = len(self.predictor.experience.drifts) > drift_count
         return cast
 

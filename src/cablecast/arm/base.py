@@ -282,9 +282,11 @@ class Arm(abc.ABC):
                 float(values[bad][0])
                 for values in (motion.radius, motion.radius_min, motion.radius_max)
             )
+            place = f"the grip at x, y, z = {poses[bad][0][:3].round(4).tolist()} m"
+            if low <= radius <= high:
+                raise IKError(f"the arm cannot turn the cable so far at {place}")
             raise IKError(
-                f"the arm does not reach the grip at x, y, z = "
-                f"{poses[bad][0][:3].round(4).tolist()} m: its {self._radius_of(poses)} would be "
+                f"the arm does not reach {place}: its {self._radius_of(poses)} would be "
                 f"{radius:.4f} m from the base axis, outside [{low:.4f}, {high:.4f}]"
             )
         return motion.q
@@ -326,8 +328,6 @@ def directions(poses: Array) -> tuple[Array, Array, Array, Array]:
 
 def flange_motion(o: float, p: Array, v: Array, a: Array) -> tuple[Array, ...]:
     """Return x and y of the flange, `o` [m] behind the grip, each with two derivatives."""
-    if o == 0.0:
-        return tuple(values[..., i] for i in (0, 1) for values in (p, v, a))
     yaw, dyaw, ddyaw = p[..., 3], v[..., 3], a[..., 3]
     s, c = o * np.sin(yaw), o * np.cos(yaw)
     return (

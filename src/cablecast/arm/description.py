@@ -168,7 +168,7 @@ def _arm(
         posture: Posture near which the arm works [rad].
     """
     link_radius = check_number("arm link_radius", link_radius, 0.005, 0.5, "m")
-    if cable_axis not in _CABLE_AXES:
+    if not isinstance(cable_axis, str) or cable_axis not in _CABLE_AXES:
         raise InputError(
             f"arm cable_axis = {str(cable_axis)[:20]!r}: one of {', '.join(_CABLE_AXES)}"
         )

@@ -100,6 +100,8 @@ class ArmSerial(Arm):
         ):
             if len(rows) != size:
                 raise InputError(f"arm {what} has {len(rows)} entries, not {size}")
+        if any(len(row) != 7 for row in self.offsets + self.capsules):
+            raise InputError("each of an arm's offsets and capsules has 7 numbers")
         numbers = [*sum(self.offsets + self.capsules, ()), *(self.posture or ())]
         for value in numbers:
             check_number("arm offset, capsule or posture", value, -100.0, 100.0)
@@ -121,11 +123,14 @@ class ArmSerial(Arm):
         required = {"model", "names", "offsets", "capsules", "limits"}
         values = check_keys(values, fields, "arm", required=required)
         values["limits"] = JointLimits.from_dict(values["limits"], len(values["names"]))
-        for key in ("names", "posture"):
-            if values.get(key) is not None:
-                values[key] = tuple(values[key])
-        for key in ("offsets", "capsules"):
-            values[key] = tuple(tuple(row) for row in values[key])
+        try:
+            for key in ("names", "posture"):
+                if values.get(key) is not None:
+                    values[key] = tuple(values[key])
+            for key in ("offsets", "capsules"):
+                values[key] = tuple(tuple(row) for row in values[key])
+        except TypeError:
+            raise InputError(f"arm {key} must be a list, as an exported arm has it") from None
         return cls(**values)
 
     def to_dict(self) -> dict[str, Any]:
@@ -191,7 +196,7 @@ class ArmSerial(Arm):
             IKError: The arm cannot hold the grip level at the lowest height of the poses.
         """
         p, v, a = (np.asarray(values, dtype=float) for values in (poses, velocities, accelerations))
-        z = float(p[..., 2].min())
+        z = float(p[..., 2].min(initial=np.inf))
         if np.ptp(p[..., 2]) > _LEVEL or np.abs(p[..., 4]).max() > _LEVEL:
             return self._lifted(p, v, a, z)
         table = _tabulate(self, round(z + self.gripper_length, 9))
@@ -484,7 +489,7 @@ class _Solver:
         spread = np.minimum(limits.position, np.pi)
         q = limits.middle + spread * rng.uniform(-1.0, 1.0, (_START_COUNT, self.arm.joint_count))
         if self.arm.posture is not None:
-            q = self.middle[None]
+            q = self.middle[None].copy()
         flange = self.arm.forward(q)[:, :3, 3]
         q[:, 0] += self.sense * np.arctan2(flange[:, 0], flange[:, 1])
         radius = np.clip(np.hypot(flange[:, 0], flange[:, 1]), 0.1, 0.9 * self.reach)
@@ -495,10 +500,19 @@ class _Solver:
             q = self._settled(q[kept][:96], np.full(min(int(kept.sum()), 96), middle))
             kept = self.allows(q)
         if not np.any(kept):
+            aside = self.allows(q, first=1)
+            if np.any(aside):
+                low, high = np.degrees(limits.middle[0] + limits.position[0] * np.array([-1, 1]))
+                angle = np.degrees(q[aside][0, 0])
+                raise IKError(
+                    f"straight ahead the joint {self.arm.joint_names[0]} of {self.arm.model} "
+                    f"stands at {angle:.0f} deg, outside [{low:.0f}, {high:.0f}]: turn the base by "
+                    "base_yaw_deg"
+                )
             raise IKError(
                 f"the arm {self.arm.model} has no posture within its limits and above the table "
                 f"whose gripper points straight down with its flange {self.height:.4g} m above the "
-                "table: check tip, base_height and gripper_length"
+                "table: check tip, base_height, base_yaw_deg and gripper_length"
             )
         _, first = np.unique(np.round(q[kept] / 0.1), axis=0, return_index=True)
         q = q[kept][np.sort(first)][:_BRANCH_MAX]
@@ -532,10 +546,14 @@ class _Solver:
             step /= 4.0
         return radius
 
-    def allows(self, q: Array) -> NDArray[np.bool_]:
-        """Return which postures are within the limits and above the table, shape [pose]."""
+    def allows(self, q: Array, first: int = 0) -> NDArray[np.bool_]:
+        """Return which postures are within the limits and above the table, shape [pose].
+
+        The limits count from the joint `first` on.
+        """
         limits = self.arm.limits
-        inside = np.all(np.abs(q - limits.middle) <= limits.position, axis=1)
+        within = np.abs(q - limits.middle) <= limits.position
+        inside = np.all(within[:, first:], axis=1)
         links = self.arm.links(self.arm.frames(np.nan_to_num(q)))
         # The last link carries the gripper, which works at the table.
         heights = links.ends[:, 2:-1, :, 2].min(axis=-1) - links.safe[2:-1]
@@ -544,8 +562,7 @@ class _Solver:
     def _settled(self, q: Array, radius: Array) -> Array:
         """Return postures straight ahead from far guesses, within half a turn of the middle."""
         q = self.solve(q, radius, np.zeros(len(q)), rough=60)
-        middle = np.array(self.arm.limits.middle)
-        q = middle + (q - middle + np.pi) % (2.0 * np.pi) - np.pi
+        q = self.middle + (q - self.middle + np.pi) % (2.0 * np.pi) - np.pi
         return self.solve(q, radius, np.zeros(len(q)))
 
 

@@ -28,7 +28,7 @@ from cablecast.arm.base import (
     polar_motion,
     rod_ends,
 )
-from cablecast.errors import UnknownNameError, check_keys
+from cablecast.errors import InputError, UnknownNameError, check_keys
 
 JOINT_NAMES = ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
@@ -165,6 +165,8 @@ class ArmUR(Arm):
     base_height: float = 0.183
 
     def __post_init__(self):
+        if not isinstance(self.model, str):
+            raise InputError(f"arm model = {str(self.model)[:40]!r} is not text")
         if self.model in _UNKNOWN:
             raise UnknownNameError(
                 f"the maker's numbers of the {self.model} are not known here: describe the arm by "

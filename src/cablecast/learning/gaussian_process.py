@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.data.dataset import Dataset
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, check_number
 from cablecast.files import library_versions
 from cablecast.learning.checkpoint import import_torch
 from cablecast.learning.kernel import matern
@@ -99,11 +99,9 @@ class GaussianProcessConfig:
             ("likelihood_count", 50, 10_000),
             ("likelihood_steps", 1, 1000),
             ("inducing_count", 10, 10_000),
-            ("held_out_fraction", 0.01, 0.9),
         ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise InputError(f"{name} = {value} is outside [{low:g}, {high:g}]")
+            check_count(name, getattr(self, name), low, high)
+        check_number("held_out_fraction", self.held_out_fraction, 0.01, 0.9)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -145,7 +143,7 @@ def train_gaussian_process(
     start = time.monotonic()
     generator = np.random.default_rng([seed, 3])
     order = generator.permutation(rows)
-    held_out_count = round(config.held_out_fraction * len(rows))
+    held_out_count = max(1, round(config.held_out_fraction * len(rows)))
     held_out, training = order[:held_out_count], np.sort(order[held_out_count:])
     actions, endpoint_xy = dataset.actions[training], dataset.endpoint_xy[training]
     model = GaussianProcessModel(

@@ -110,7 +110,7 @@ def known_endpoint_rows(dataset: Dataset) -> NDArray[np.intp]:
     Raises:
         InputError: There are fewer than `MIN_ROWS`.
     """
-    rows = np.flatnonzero(dataset.finite)
+    rows = np.flatnonzero(dataset.finite & np.isfinite(dataset.actions).all(axis=1))
     if len(rows) < MIN_ROWS:
         raise InputError(
             f"{len(rows)} of {len(dataset)} rows have a known endpoint: training needs {MIN_ROWS}"
@@ -133,7 +133,7 @@ def known_margins(dataset: Dataset) -> tuple[NDArray[np.intp], NDArray[np.float6
     margins = dataset.table_margin()
     unseen = (dataset.status == "off_table") & ~((margins < 0) & np.isfinite(margins))
     margins = np.where(unseen, LEFT_TABLE_MARGIN, margins)
-    rows = np.flatnonzero(np.isfinite(margins))
+    rows = np.flatnonzero(np.isfinite(margins) & np.isfinite(dataset.actions).all(axis=1))
     return rows, margins[rows]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.data.dataset import Dataset
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count, check_number
 from cablecast.files import library_versions
 from cablecast.learning.checkpoint import check_device, import_torch, one_thread
 from cablecast.learning.landing import (
@@ -144,14 +144,15 @@ class TrainingConfig:
             ("hidden_count", 1, 64),
             ("epochs", 1, 1_000_000),
             ("batch_size", 1, 1_000_000),
+            ("patience", 1, 1_000_000),
+        ):
+            check_count(name, getattr(self, name), low, high)
+        for name, low, high in (
             ("learning_rate", 1e-9, 10.0),
             ("weight_decay", 0.0, 10.0),
             ("held_out_fraction", 0.01, 0.9),
-            ("patience", 1, 1_000_000),
         ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise InputError(f"{name} = {value} is outside [{low:g}, {high:g}]")
+            check_number(name, getattr(self, name), low, high)
 
 
 FINE_TUNING = TrainingConfig(epochs=400, learning_rate=1e-3, weight_decay=0.0, patience=400)
@@ -270,7 +271,10 @@ def fit_network(
         )
         if on_epoch is not None:
             on_epoch(curve[-1])
-        if held_out_loss < best_loss or (keep_last and np.isfinite(held_out_loss)):
+        if keep_last and not np.isfinite(held_out_loss):
+            best = None
+            break
+        if held_out_loss < best_loss or keep_last:
             best_loss, best_epoch = held_out_loss, epoch
             best = tuple(
                 (matrix.detach().cpu().numpy().copy(), offset.detach().cpu().numpy().copy())
@@ -447,7 +451,7 @@ def real_rows(real: Dataset) -> Rows:
     Raises:
         InputError: There are too few.
     """
-    rows = np.flatnonzero(real.ok & real.finite)
+    rows = np.flatnonzero(real.ok & real.finite & np.isfinite(real.actions).all(axis=1))
     if len(rows) < MIN_REAL_ROWS:
         raise InputError(
             f"{len(rows)} of {len(real)} real casts came to rest on the table and were seen: "

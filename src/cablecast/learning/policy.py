@@ -40,7 +40,7 @@ from cablecast.motion.action import (
     mirror_actions,
     mirror_to_right,
 )
-from cablecast.motion.feasibility import check_actions, feasible_grid, feasible_ranges
+from cablecast.motion.feasibility import check_actions, feasible_grid
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.setup import Setup
@@ -149,7 +149,6 @@ ARRAY_SHAPES: dict[str, tuple[int, ...]] = {
     "actions": (4,),
     "predicted_xy": (2,),
     "sensitivity": (),
-    "margin": (),
 }
 """Arrays of the file, and the shape of each after the candidate axis."""
 
@@ -350,8 +349,6 @@ class ForwardSearchPolicy:
         predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
         sensitivity: Root of the summed squares of the landing's shifts for 1 degree of theta1, of
             theta2 and of psi and for 1 cm of r2 [m], shape [candidate].
-        margin: Predicted distance that the free end keeps within the table's edges [m], shape
-            [candidate].
         info: Fingerprint of the model, numbers of candidates, seed, table margin.
     """
 
@@ -359,7 +356,6 @@ class ForwardSearchPolicy:
     actions: NDArray[np.float64]
     predicted_xy: NDArray[np.float64]
     sensitivity: NDArray[np.float64]
-    margin: NDArray[np.float64]
     info: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     @classmethod
@@ -378,14 +374,14 @@ class ForwardSearchPolicy:
             model: Model of landings, with its set-up.
             candidate_count: Number of feasible candidates.
             seed: Seed for choosing candidates from the grid.
-            ranges: Ranges of the actions; `feasible_ranges` if None.
+            ranges: Ranges of the actions; those of the model's casts if None.
             table_margin: Distance that the free end must keep within the table's edges [m];
                 candidates predicted to come nearer are left out.
 
         Raises:
             InputError: No candidate stays on the table.
         """
-        ranges = feasible_ranges(model.setup) if ranges is None else ranges
+        ranges = model.action_ranges if ranges is None else ranges
         actions = feasible_grid(candidate_count, model.setup, ranges, seed)
         return cls.from_candidates(actions, model, table_margin, {"seed": seed})
 
@@ -421,7 +417,7 @@ class ForwardSearchPolicy:
             "model_fingerprint": model.fingerprint,
             "dataset_fingerprint": model.dataset_fingerprint,
         }
-        actions, predicted_xy, margin = actions[kept], predicted_xy[kept], margin[kept]
+        actions, predicted_xy = actions[kept], predicted_xy[kept]
         sensitivity = model.sensitivity(actions, deviations(actions))
         side = side_of(predicted_xy)
         return cls(
@@ -429,7 +425,6 @@ class ForwardSearchPolicy:
             actions=mirror_actions(actions, side),
             predicted_xy=mirror_xy(predicted_xy, side),
             sensitivity=sensitivity,
-            margin=margin,
             info=facts | (info or {}),
         )
 
@@ -450,7 +445,8 @@ class ForwardSearchPolicy:
         if not np.any(found.mask):
             raise InputError(f"no motion of the model keeps to this robot: {found.describe(0)}")
         arrays = {name: getattr(self, name)[found.mask] for name in ARRAY_SHAPES}
-        return dataclasses.replace(self, model=self.model.in_lab(setup), **arrays)
+        info = self.info | {"kept_count": int(found.mask.sum())}
+        return dataclasses.replace(self, model=self.model.in_lab(setup), info=info, **arrays)
 
     def by(self, method: PlanMethod) -> "ForwardSearchPolicy":
         """Return the policy that plans by a method, "refined" or "paper"; see `PaperPolicy`.
@@ -547,16 +543,20 @@ class ForwardSearchPolicy:
         return np.asarray(distance <= within_pct / 100 * self.setup.cable.length)
 
     def save(self, folder: str | pathlib.Path) -> None:
-        """Write the model and the candidates atomically, for `load` to read."""
+        """Write the model and the candidates atomically, for `load` to read.
+
+        Raises:
+            InputError: The policy is one of equation 1: save the one that it was made of.
+        """
+        arrays = _checked({name: getattr(self, name) for name in ARRAY_SHAPES})
         self.model.save(folder)
         meta = {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
-            "setup": self.setup.to_dict(),
+            "setup": self.setup.to_settings(),
             "info": self.info,
         }
         text = json.dumps(meta, ensure_ascii=False, allow_nan=False)
-        arrays = {name: getattr(self, name) for name in ARRAY_SHAPES}
         buffer = io.BytesIO()
         np.savez(buffer, allow_pickle=False, meta=np.array(text), **arrays)
         write_bytes(pathlib.Path(folder) / POLICY_NAME, buffer.getvalue())
@@ -575,7 +575,8 @@ class ForwardSearchPolicy:
         """
         model, (arrays, setup, info) = load_model(folder), _read_policy(folder)
         built_with = info.get("model_fingerprint")
-        if built_with != model.fingerprint or setup != model.setup:
+        same = setup.to_settings() == model.setup.to_settings()
+        if built_with != model.fingerprint or not same:
             raise CheckpointError(
                 f"the policy in {folder} was built with another model ({str(built_with)[:40]}, not "
                 f"{model.fingerprint}): train again"
@@ -621,7 +622,6 @@ class PaperPolicy(ForwardSearchPolicy):
             actions=actions,
             predicted_xy=predicted_xy,
             sensitivity=unknown,
-            margin=unknown,
             info={**info, "name": "equation 1", "kept_count": len(actions)},
         )
 

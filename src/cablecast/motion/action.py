@@ -58,7 +58,7 @@ class Action:
     @classmethod
     def from_array(cls, values: ArrayLike) -> "Action":
         """Make an action from (theta1, theta2, r2) or (theta1, theta2, r2, psi)."""
-        values = np.asarray(values, dtype=float)
+        values = _numbers(values)
         if values.shape not in ((3,), (4,)):
             raise ActionError(f"an action has shape {values.shape}: it must be [3] or [4]")
         return cls(*(float(value) for value in values))
@@ -67,6 +67,13 @@ class Action:
         """Return the action that lands mirrored about the workspace axis (section V-B)."""
         psi = None if self.psi is None else -self.psi
         return Action(theta1=-self.theta1, theta2=-self.theta2, r2=self.r2, psi=psi)
+
+
+def _numbers(values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise ActionError(f"{str(values)[:60]} holds a value that is not a number") from None
 
 
 def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
@@ -79,7 +86,7 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
         ActionError: A value is not finite or out of bounds, both arcs end on the same side, or psi
             stops short of theta2.
     """
-    actions = np.asarray(actions, dtype=float)
+    actions = _numbers(actions)
     if actions.ndim != 2 or actions.shape[1] != len(ACTION_NAMES) or len(actions) == 0:
         raise ActionError(
             f"actions have shape {actions.shape}: it must be [action, 4] with at least one action"

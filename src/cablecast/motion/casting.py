@@ -168,23 +168,7 @@ def cast_grip_paths(actions: ArrayLike, setup: Setup) -> GripPath:
         )
         for start in range(0, len(actions), CHUNK)
     ]
-    piece_count = max(chunk.coefficients.shape[1] for chunk in chunks)
-    knots = np.empty((len(actions), piece_count + 1))
-    coefficients = np.zeros((len(actions), piece_count, 5, 6))
-    row = 0
-    for chunk in chunks:
-        rows, pieces = slice(row, row + len(chunk)), chunk.coefficients.shape[1]
-        row += len(chunk)
-        knots[rows, : pieces + 1] = chunk.knots
-        knots[rows, pieces + 1 :] = chunk.knots[:, -1:]
-        coefficients[rows, :pieces] = chunk.coefficients
-        # Padding pieces have zero duration and evaluate to the last pose.
-        coefficients[rows, pieces:, :, 0] = np.sum(
-            chunk.coefficients[:, -1]
-            * (chunk.knots[:, -1] - chunk.knots[:, -2])[:, None, None] ** np.arange(6),
-            axis=-1,
-        )[:, None]
-    return GripPath(knots=knots, coefficients=coefficients)
+    return GripPath.stack(chunks)
 
 
 def _sweep_grip_paths(paths: SweepPaths, height: float) -> GripPath:

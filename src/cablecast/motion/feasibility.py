@@ -208,7 +208,6 @@ _RANGE_COUNTS = (8, 8, 8, 4)
 _RANGE_TAIL = 0.02
 
 
-@functools.lru_cache(maxsize=16)
 def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
     """Return the ranges of the motions that the arm can follow above the table.
 
@@ -222,6 +221,11 @@ def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
     Raises:
         InputError: The arm can follow no such motion; the error names the limits that forbid it.
     """
+    return _find_ranges(setup, with_psi)
+
+
+@functools.lru_cache(maxsize=16)
+def _find_ranges(setup: Setup, with_psi: bool) -> ActionRanges:
     widest = widest_ranges(setup).to_array()
     box = widest
     for tail in (0.0, _RANGE_TAIL):
@@ -249,7 +253,7 @@ def widest_ranges(setup: Setup) -> ActionRanges:
     # The polar origin lies behind the base, or in front of it where this is negative.
     behind = r0 - workspace.reset_y
     low = max(R2_BOUNDS[0], _FOLDED * workspace.r_max + behind)
-    high = workspace.r_max + abs(behind)
+    high = min(workspace.r_max + abs(behind), R2_BOUNDS[1])
     return _ranges(
         np.array([(-_SWEEP[1], -_SWEEP[0]), _SWEEP, (low, max(low, high)), (0.0, _TURN)])
     )

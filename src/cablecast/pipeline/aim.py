@@ -28,7 +28,7 @@ from cablecast.evaluation.evaluate import (
 )
 from cablecast.files import write_bytes, write_text
 from cablecast.learning.checkpoint import import_torch
-from cablecast.learning.policy import ForwardSearchPolicy
+from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy
 from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_grid, feasible_ranges
 from cablecast.motion.trajectory import plan_trajectory
@@ -50,7 +50,7 @@ from cablecast.runs.folder import (
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.setup import Setup
-from cablecast.tuning.tuned import PARAMS_FILE, Tuned, load_tuned
+from cablecast.tuning.tuned import PARAMS_FILE, Tuned, load_tuned, write_params
 
 CALIBRATION_FOLDER, SECOND_FOLDER = "calibration", "calibration-2"
 SESSION_FOLDER = "session"
@@ -136,7 +136,11 @@ def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
         MissingExtraError: A library is missing.
     """
     _check_machine(config, "matplotlib", "jinja2")
-    path = pathlib.Path(folder)
+    _check_folder(pathlib.Path(folder))
+
+
+def _check_folder(path: pathlib.Path) -> None:
+    """Check that a folder holds nothing but what aiming made."""
     if path.exists() and not path.is_dir():
         raise InputError(f"{path} is a file: aiming needs a folder")
     names = [f.name for f in path.iterdir() if f.name[0] != "."] if path.exists() else []
@@ -196,6 +200,7 @@ def prepare_aim(
     # Before any cast.
     _check_machine(config, *(() if folder is None else ("matplotlib",)))
     if folder is not None:
+        _check_folder(folder)
         _keep_rig(folder, rig)
     learning = _Learning(rig.setup, config, simulators, folder)
     session_folder = None if folder is None else folder / SESSION_FOLDER
@@ -254,12 +259,11 @@ def _began_otherwise(folder: pathlib.Path) -> bool:
 
 
 def _keep_fit(folder: pathlib.Path | None, tuned: Tuned) -> None:
-    """Copy the file of a given fit, so that the session needs it no more."""
-    if folder is None or tuned.path is None or (folder / TUNE_FOLDER).exists():
+    """Keep a given fit, so that the session needs its file no more."""
+    if folder is None or (folder / TUNE_FOLDER / PARAMS_FILE).exists():
         return
-    file = tuned.path / PARAMS_FILE if tuned.path.is_dir() else tuned.path
-    (folder / TUNE_FOLDER).mkdir(parents=True)
-    write_bytes(folder / TUNE_FOLDER / PARAMS_FILE, file.read_bytes())
+    (folder / TUNE_FOLDER).mkdir(parents=True, exist_ok=True)
+    write_params(folder / TUNE_FOLDER, tuned.to_dict())
 
 
 def _kept_fit(folder: pathlib.Path, setup: Setup) -> Tuned | None:
@@ -272,8 +276,8 @@ def _kept_fit(folder: pathlib.Path, setup: Setup) -> Tuned | None:
         return None
     if not (folder / TUNE_FOLDER / PARAMS_FILE).is_file():
         raise InputError(
-            f"{folder} was stopped while the simulator was fitted to given casts: give the same "
-            "casts again"
+            f"{folder} was stopped before the fit that it began with was kept: give the same casts "
+            "or the same fit again"
         )
     return load_tuned(folder / TUNE_FOLDER, setup)
 
@@ -332,8 +336,10 @@ def _get_ready(setup: Setup, config: AimConfig) -> None:
         import_torch("aiming")
         import matplotlib.figure  # noqa: F401
 
-        for count in (config.simulated_count, config.candidate_count):
-            feasible_grid(count, setup, feasible_ranges(setup), config.seed)
+        # Those of the model keep to no robot's box yet.
+        bare = Setup.from_dict(setup.to_settings())
+        for count, one in ((config.simulated_count, setup), (config.candidate_count, bare)):
+            feasible_grid(count, one, feasible_ranges(one), config.seed)
 
 
 def _later_model(
@@ -390,11 +396,14 @@ class _Learning:
 
     def __call__(self, store: CastStore, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit; see `Refitting`."""
-        name = f"{len(store):05d}-{len(store.undone):05d}"
-        folder = self.folder and self.folder / FITS_FOLDER / name
-        tuned = self.fit(store.dataset(), folder, progress, validation_count=0)
+        # A page may cast meanwhile.
+        count, casts = len(store), store.dataset()
+        name = f"{count:05d}-{len(store.undone):05d}"
+        # A fork keeps nothing.
+        folder = store.folder and self.folder and self.folder / FITS_FOLDER / name
+        tuned = self.fit(casts, folder, progress, validation_count=0)
         policy = self._policy(tuned, folder, progress)
-        return FittedModel(policy=policy, tuned=tuned, fitted_count=len(store))
+        return FittedModel(policy=policy, tuned=tuned, fitted_count=count)
 
     def kept(self, count: int, folder: pathlib.Path, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit to so many casts that is finished."""
@@ -548,7 +557,9 @@ def _evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
         setup=setup,
         rig=dict(rig.description),
         target_xy=result.target_xy,
-        inside_coverage=result.session.model.policy.inside_coverage(result.target_xy),
+        inside_coverage=result.session.model.policy.inside_coverage(
+            result.target_xy, max(result.session.config.within_pct, COVERAGE_PCT)
+        ),
         casts=tuple(casts),
         motions=tuple(plan_trajectory(Action.from_array(cast.action), setup) for cast in casts),
         target_index=np.repeat(np.arange(len(result.casts)), [len(c) for c in result.casts]),

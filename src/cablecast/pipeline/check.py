@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 import os
 import pathlib
 from collections.abc import Iterator
@@ -43,6 +44,8 @@ believed ones [-]."""
 
 # Casts of each believed cable, and of each change that is tried.
 _CAST_COUNT, _DRAWS = 400, 4
+# Densities of cables that are not asked about [kg/l]: from foam to lead.
+_DENSITIES = 0.05, 12.0
 _SEGMENT_COUNT, _DT, _SAMPLE_DT = 20, 2e-3, 0.05
 # Width of the squares of the table that are counted [m].
 _CELL = 0.04
@@ -186,6 +189,12 @@ class LabCheck:
             for share, text in sorted(rows, reverse=True)
             if share >= 0.01
         ]
+        density = cable.params.mass / (math.pi * cable.radius**2 * cable.length) / 1000.0
+        if not _DENSITIES[0] <= float(density) <= _DENSITIES[1]:
+            lines.append(
+                f"a cable of {float(density):.2g} kg/l is unusual (steel has 7.8): check its "
+                f"length, its diameter of {1000 * cable.diameter:.3g} mm and its mass"
+            )
         if self.broken:
             lines.append(
                 f"the arm can follow {100 * self.followed:.0f} % of the motions that were drawn; "
@@ -243,6 +252,8 @@ def check(
         MissingExtraError: A picture is asked for, and matplotlib is missing.
     """
     check_seed(seed)
+    if setup.cable.params.world_count is not None:
+        raise InputError("check takes a cable with one set of parameters, not one per world")
     if out is not None:
         require("the picture of check", "matplotlib")
     try:

@@ -249,9 +249,9 @@ class TrackFit:
         moved = np.delete(np.arange(dimension), _WORKSURFACE)
         shifted = points[:, None] + np.eye(dimension)[moved] * signs[:, None]
         batch = np.concatenate([points[:, None], shifted], axis=1).reshape(-1, dimension)
-        offsets, broken = (
-            values.reshape(count, dimension, *values.shape[1:]) for values in self._offsets(batch)
-        )
+        offsets, broken = self._offsets(batch)
+        offsets = offsets.reshape(count, dimension, *offsets.shape[1:])
+        broken = broken.reshape(offsets.shape[:-1])
         # Nothing is known of the slope where a simulation broke: what is believed stands there.
         sound = ~(broken[:, 1:] | broken[:, :1])[..., None]
         weights = self._weights(offsets[:, 0], misfit)

@@ -57,6 +57,19 @@ class Tuned:
         """Parameters of the cable."""
         return self.dynamics.params
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return what `load_tuned` reads, as plain values to write with `write_params`."""
+        servo, ensemble, posterior = self.dynamics.servo, self.ensemble, self.posterior
+        return {
+            "cable": self.setup.cable.name,
+            "params": self.params.to_dict(),
+            "servo": None if servo is None else servo.to_dict(),
+            "ensemble": None if ensemble is None else ensemble.to_dict(),
+            "posterior": None if posterior is None else posterior.to_dict(),
+            "search_range": None if posterior is None else posterior.space.to_dict(),
+            "dataset_fingerprint": self.metrics.get("dataset_fingerprint"),
+        }
+
     def rollout(
         self, motion: GripPath | ArrayLike, engine: Engine | None = None, **options: Any
     ) -> Rollout:

@@ -277,13 +277,7 @@ class Desk:
         try:
             proposal = preview.proposal
             track = session.play(self.rig, proposal.trajectory, proposal.number)
-            try:
-                trial = session.observe(proposal, track)
-            except BaseException:
-                # It was stopped with the cast stored, and nothing learned from it yet.
-                if len(session.casts) > proposal.number:
-                    session.use(session.model)
-                raise
+            trial = session.observe(proposal, track)
             with self._lock:
                 self.message = change_text(trial, session) if trial.landed else track.status.value
             return trial

@@ -294,7 +294,10 @@ def test_an_effect_is_switched_off_without_changing_another():
     for name in usual:
         rest = effect_strengths(5, 2, (name,))
         assert rest == {key: value for key, value in usual.items() if key != name}
-    assert effect_strengths(4, 2) == {}
+    assert effect_strengths(4, 2) is None
+    nothing = effect_strengths(5, 2, EFFECTS)
+    assert nothing == {}
+    assert hidden_cable(CABLE, 2, nothing) != hidden_cable(CABLE, 2, None)
     plain = hidden_cable(CABLE, 0, effect_strengths(5, 0))
     level = hidden_cable(CABLE, 0, effect_strengths(5, 0, ("kink",)))
     assert dataclasses.replace(plain, kink=0.0) == level

@@ -250,10 +250,15 @@ _STICK = 1.35
 _RESIDUAL_DAMPING = 0.0015
 
 
-def effect_strengths(version: int, lab_seed: int, without: tuple[str, ...] = ()) -> Strengths:
-    """Return how strong each effect is in a laboratory, but for those that are switched off."""
+def effect_strengths(
+    version: int, lab_seed: int, without: tuple[str, ...] = ()
+) -> Strengths | None:
+    """Return how strong each effect is in a laboratory, but for those that are switched off.
+
+    Version 4 knows none: None.
+    """
     if version == 4:
-        return {}
+        return None
     rng = np.random.default_rng([lab_seed, 5])
     strengths = {name: _strength(rng, lab_seed) * _factor(rng, _GUESS) for name in EFFECTS}
     # Every arm is one of rigid bodies.
@@ -289,8 +294,9 @@ def hidden_cable(cable: Cable, lab_seed: int, strengths: Strengths | None = None
     The truth of a user's own cable is drawn about its parameters.
     """
     rng = np.random.default_rng([lab_seed, zlib.crc32(cable.name.encode())])
-    truth = _preset(cable, lab_seed, rng, bool(strengths)) if is_preset(cable) else _own(cable, rng)
-    return _with_effects(truth, cable, lab_seed, strengths) if strengths else truth
+    is_base = strengths is not None
+    truth = _preset(cable, lab_seed, rng, is_base) if is_preset(cable) else _own(cable, rng)
+    return truth if strengths is None else _with_effects(truth, cable, lab_seed, strengths)
 
 
 def _preset(cable: Cable, lab_seed: int, rng: np.random.Generator, is_base: bool) -> HiddenCable:
@@ -393,7 +399,7 @@ def hidden_arm(lab_seed: int, strengths: Strengths | None = None) -> HiddenArm:
             frequency=spread(arm.frequency),
             damping_ratio=spread(arm.damping_ratio),
         )
-    if not strengths or "arm" not in strengths:
+    if strengths is None or "arm" not in strengths:
         return arm
     rng = np.random.default_rng([5, lab_seed, 1])
     gears, stand = strengths.get("gears", 0.0), strengths.get("stand", 0.0)
@@ -428,7 +434,7 @@ def hidden_arm(lab_seed: int, strengths: Strengths | None = None) -> HiddenArm:
 def hidden_table(lab_seed: int, strengths: Strengths | None = None) -> HiddenTable:
     """Return the true table of a laboratory."""
     table = HiddenTable(seed=1000 + lab_seed)
-    if not strengths:
+    if strengths is None:
         return table
     rng = np.random.default_rng([5, lab_seed, 2])
     names = ("wear", "wear_length", "board", "board_size", "first_seam", "seam", "drift_period")
@@ -446,9 +452,9 @@ def hidden_table(lab_seed: int, strengths: Strengths | None = None) -> HiddenTab
     )
 
 
-def hidden_camera(lab_seed: int, strengths: Strengths) -> dict[str, Any]:
+def hidden_camera(lab_seed: int, strengths: Strengths | None) -> dict[str, Any]:
     """Return troubles of a laboratory's camera: values of `CameraConfig` and of its light."""
-    strength = strengths.get("light", 0.0)
+    strength = (strengths or {}).get("light", 0.0)
     if strength == 0.0:
         return {}
     rng = np.random.default_rng([5, lab_seed, 3])

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.arm.base import Arm
-from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
+from cablecast.arm.shape import GRIPPER_ROD_COUNT, ArmShape, arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Attachment, Cable
 from cablecast.camera.lens import CameraView
@@ -78,6 +78,8 @@ _ROD_BGR = (
     (52, 50, 50),
     (34, 34, 36),
 )
+# The last two are the gripper's.
+_LINK_SHADES = len(_ROD_BGR) - GRIPPER_ROD_COUNT
 _COS, _SIN = (f(2 * np.pi * np.arange(20) / 20) for f in (np.cos, np.sin))
 _MARKER = MarkerConfig()
 
@@ -448,7 +450,9 @@ class Drawing:
         if self.rods:
             for rod in self.order:
                 outline, ridge, gloss = self.rods[rod][index]
-                colour = np.array(_ROD_BGR[rod], dtype=float)
+                links = len(self.rods) - GRIPPER_ROD_COUNT
+                shade = min(rod, _LINK_SHADES - 1) if rod < links else rod - len(self.rods)
+                colour = np.array(_ROD_BGR[shade], dtype=float)
                 _fill(image, outline, corner, (0.62 * colour).tolist())
                 _fill(image, ridge, corner, (0.9 * colour).tolist())
                 _fill(image, gloss, corner, np.minimum(1.14 * colour, 255).tolist())
