@@ -132,6 +132,8 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
         ("just text", "must hold a mapping"),
         ("a: !!python/object/apply:os.system ['true']", "is not plain YAML"),
         ("{" * 5000, "is not plain YAML"),
+        ("cable:\n\tmass: 1\n", "is not plain YAML: line 2: it has a tab, indent with spaces"),
+        ("[a]: 1", "a key in line 1 is no name"),
         ("a: 9999-99-99", "is not plain YAML"),
     ],
     ids=lambda value: value[:16],

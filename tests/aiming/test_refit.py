@@ -244,6 +244,31 @@ def test_a_session_that_began_without_calibration_goes_on_without(rig, tmp_path,
     assert again.model.waits == first.model.waits == (begins == "nothing")
 
 
+def test_a_fork_is_fitted_anew_without_touching_the_folder(rig, tmp_path):
+    session = prepare(rig, out=tmp_path, tries=1)
+    other = session.fork()
+    other.cast(rig, other.propose(TARGETS[0]))
+    other.refit(ignore)
+    assert other.fitted_count == 4
+    assert not (tmp_path / "fits").exists()
+    assert len(prepare(rig, out=tmp_path, tries=1).casts) == len(session.casts) == 3
+
+
+def test_a_session_of_a_fit_held_in_memory_is_opened_again_without_it(rig, tmp_path):
+    casts = cc.collect(rig, count=3)
+    tuned = cc.tune(casts, config=SEARCH, **COARSE)
+    assert tuned.path is None
+    # A run that was killed before the fit was kept leaves a folder.
+    (tmp_path / "tune").mkdir()
+    first = prepare(rig, out=tmp_path, tuned=tuned)
+    again = prepare(rig, out=tmp_path)
+    assert again.model.tuned.params == tuned.params
+    assert again.model.policy.model.fingerprint == first.model.policy.model.fingerprint
+    np.testing.assert_array_equal(again.model.tuned.posterior.mean, tuned.posterior.mean)
+    with pytest.raises(InputError, match="is a file: aiming needs a folder"):
+        prepare(rig, out=tmp_path / "rig.json")
+
+
 def test_what_was_learned_is_not_learned_again(rig, tmp_path, monkeypatch):
     session = prepare(rig, out=tmp_path, tries=1)
     cc.aim(session, rig, TARGETS)

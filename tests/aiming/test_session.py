@@ -376,6 +376,31 @@ def test_three_casts_in_a_row_that_come_no_nearer_are_the_last_at_a_target(polic
     assert "none of" not in session.stop_reason(session.propose(target))
 
 
+def test_of_many_casts_at_a_target_the_newest_tell_of_it(policy):
+    target, session = np.array([0.3, 1.1]), session_of(policy, tries=40)
+    for number in range(25):
+        session.observe(session.propose(target), track_to(target + [0.1, 0.001 * number]))
+    rows = session.predictor._rows_near(target)
+    np.testing.assert_array_equal(rows, np.arange(25 - len(rows), 25))
+    assert len(rows) == 20
+
+
+def test_a_cast_that_was_stopped_while_it_was_learned_from_is_learned_from(policy, monkeypatch):
+    session = session_of(policy)
+    first = session.propose(TARGETS[0])
+
+    def stopped(*_, **__):
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cablecast.aiming.predictor.LandingPredictor.with_casts", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        session.observe(first, track_to(TARGETS[0] + 0.1))
+    assert len(session.casts) == len(session.predictor.casts) == 1
+    session.observe(session.propose(TARGETS[0]), track_to(TARGETS[0]))
+    assert len(session.predictor.casts) == 2
+
+
 def test_three_casts_without_a_landing_are_the_last_at_a_target(policy):
     target, session = np.array([0.3, 1.1]), session_of(policy, anyway=False)
     for _ in range(3):

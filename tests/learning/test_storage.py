@@ -6,7 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from cablecast.errors import CheckpointError
+from cablecast.arm.robot import RobotConfig
+from cablecast.errors import CheckpointError, InputError
 from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
@@ -85,6 +86,28 @@ def test_the_set_up_is_stored_once_and_nothing_is_pickled(policy, file):
         meta = json.loads(str(stored["meta"]))
     assert meta["setup"] == SETUP.to_settings()
     assert set(meta) == {"format", "format_version", "setup", "info"}
+
+
+def test_a_policy_of_equation_1_does_not_take_the_place_of_the_one_it_was_made_of(policy, file):
+    seeded = dataclasses.replace(policy, info=policy.info | {"seed": 0})
+    with pytest.raises(InputError, match="sensitivity is not finite"):
+        seeded.by("paper").save(file.parent)
+    assert len(ForwardSearchPolicy.load(file.parent).actions) == len(policy.actions)
+
+
+def test_a_policy_in_a_robots_box_is_saved_too(policy, tmp_path):
+    robot = RobotConfig(
+        address="192.0.2.1",
+        payload_mass=1.0,
+        payload_cog=(0.0, 0.0, 0.05),
+        box_low=(-1.0, 0.1, -0.3),
+        box_high=(1.0, 1.0, 1.0),
+    )
+    there = policy.in_lab(dataclasses.replace(SETUP, robot=robot))
+    there.save(tmp_path)
+    again = ForwardSearchPolicy.load(tmp_path)
+    assert again.setup.robot is None
+    assert again.info["kept_count"] == len(again.actions) == len(there.actions)
 
 
 def test_a_missing_policy_is_named(file):

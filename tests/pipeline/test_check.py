@@ -63,6 +63,13 @@ def test_a_cable_of_which_little_is_known_is_less_sure(checked):
     assert np.ptp(guessed.shares) > np.ptp(known.shares)
 
 
+def test_a_cable_heavier_than_lead_is_asked_about():
+    cable = {"name": "typo", "length": 0.62, "diameter": 0.0011, "mass": 0.05}
+    found = cc.check(cc.Setup.from_dict({"cable": cable}), changes=False)
+    assert any("85 kg/l is unusual" in line for line in found.limits)
+    assert not any("unusual" in line for line in cc.check(cc.Setup(), changes=False).limits)
+
+
 def test_an_arm_that_can_follow_nothing_hears_what_would_help():
     jerky = cc.Setup().with_motion(jerk=400.0)
     with pytest.raises(cc.CablecastError, match=r"break its .* with jerk = 40 m/s³: .* instead"):
