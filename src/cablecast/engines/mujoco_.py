@@ -1,8 +1,4 @@
-"""Model of a gripped cable in MuJoCo's XML: a hand on five joints, a flex rod, a table.
-
-engines/mujoco_.py explains why it is built this way.
-
-EngineMujoco: MuJoCo's native rod behind the Engine contract, a cross-check of the fast one.
+"""EngineMujoco: MuJoCo's native rod behind the Engine contract, a cross-check of the fast one.
 
 The rod is a 1-D flex with the elasticity of discrete elastic rods (Bergou et al. 2008). The model
 is built so that it converges to the same continuum as `EngineWarp`:

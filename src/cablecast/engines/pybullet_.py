@@ -1,10 +1,4 @@
-"""PyBullet's library, and a client of it that nobody else uses.
-
-One cable in Bullet: capsules on spherical joints behind a driven hand, with springs of our own.
-
-engines/pybullet_.py explains how the ten parameters are mapped.
-
-EnginePybullet: the paper's simulator, a string of capsules with springs between them at 1/480 s.
+"""EnginePybullet: the paper's simulator, a string of capsules with springs between them at 1/480 s.
 
 The paper joins capsules by Bullet's 6-DOF spring constraints, which its Python API does not offer.
 The nearest is one articulated body: capsules on spherical joints, so that lengths are exact, with
