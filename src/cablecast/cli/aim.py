@@ -136,7 +136,8 @@ class Aim(AimConfig, _Targets):
                 count = session.fitted_count
                 print(f"{known} casts of {name} are known; the simulator is fitted to {count}")
             else:
-                print(f"no cast of {name} is known yet: the simulator has the believed values")
+                values = "believed" if session.model.waits else "fitted"
+                print(f"no cast of {name} is known yet: the simulator has the {values} values")
             result = aim(
                 session,
                 rig,

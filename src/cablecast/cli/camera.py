@@ -161,9 +161,11 @@ def _print_report(report: "CameraReport", advice: list[str]) -> None:
         ),
         ("tags", str(report.tag_count), str(len(report.tags_seen))),
     ]
-    if report.calibration is not None and report.calibration.turned:
-        rows.append(("orientation of the tags", "", "turned by 180 deg against OpenCV's pictures"))
     if (calibration := report.calibration) is not None:
+        if calibration.turned:
+            rows.append(
+                ("orientation of the tags", "", "turned by 180 deg against OpenCV's pictures")
+            )
         rms = f"{1e3 * calibration.rms:.1f} mm, {calibration.rms_px:.2f} px"
         rows.append(("misfit of the tags", "below 3 mm", rms))
         rows.append(("scale", "", f"{report.px_per_m / 1e3:.2f} px/mm"))

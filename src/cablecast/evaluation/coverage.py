@@ -151,6 +151,9 @@ def _shapely():
     return shapely
 
 
+SCATTER_BOUNDS = 1e-3, 1e4
+"""Bounds of such a limit [% of cable length]."""
+
 SCATTER_MAX_PCT = 3.0
 """Largest scatter of a repeatable combination, by the paper's words (`distance_sd_pct`) [% of cable
 length]. The paper accepted 1.93 and rejected 3.70."""
@@ -236,7 +239,7 @@ def choose(
         InputError: There are no candidates without psi to choose r0 from, or scatter_max_pct is out
             of bounds.
     """
-    check_number("scatter_max", scatter_max_pct, 1e-3, 1e4, "% of cable length")
+    check_number("scatter_max_pct", scatter_max_pct, *SCATTER_BOUNDS, "% of cable length")
     r0, why_r0 = choose_r0(candidates)
     same_r0 = [candidate for candidate in candidates if candidate.r0 == r0]
     scatter = {c: c.scatter_pct for c in same_r0 if c.scatter_pct is not None}
@@ -250,7 +253,7 @@ def choose(
         best = max(same_r0, key=lambda candidate: candidate.coverage)
         why = (
             f"{best.speed} has the largest coverage, {100 * best.coverage:.1f} %. Repeatability "
-            "was not measured, so coverage alone decides."
+            f"was not measured with r0 = {r0:g} m, so coverage alone decides."
         )
     elif steady:
         best = max(steady, key=lambda candidate: candidate.landed_coverage)

@@ -176,7 +176,7 @@ class Repeatability:
     @property
     def with_psi(self) -> bool:
         """True if the wrist turns in any of the actions (action set A2)."""
-        return any(a.action[3] - a.action[1] > 1e-6 for a in self.actions)
+        return any(abs(a.action[3]) - abs(a.action[1]) > 1e-6 for a in self.actions)
 
     @property
     def label(self) -> str:

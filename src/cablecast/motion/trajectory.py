@@ -30,7 +30,9 @@ class JointPath:
     qd: NDArray[np.float64]
 
     def __post_init__(self):
-        shape = (len(self.times), self.q.shape[-1])
+        for name in ("times", "q", "qd"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+        shape = (self.times.size, self.q.shape[-1] if self.q.ndim else 0)
         if self.q.shape != shape or self.qd.shape != shape:
             raise InputError(
                 f"a joint path has shapes q {self.q.shape}, qd {self.qd.shape}: its {shape[0]} "

@@ -15,7 +15,6 @@ _EXTRAS = {
     "shapely": "report",
     "torch": "learn",
     "safetensors": "learn",
-    "mujoco": "mujoco",
     "viser": "view",
     "trimesh": "view",
 }

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cablecast.conventions import Array
 from cablecast.data.dataset import read_dataset
@@ -18,7 +18,6 @@ from cablecast.errors import (
     DatasetError,
     InputError,
     check_count,
-    check_number,
     check_seed,
     says_what_it_takes,
 )
@@ -29,7 +28,7 @@ from cablecast.evaluation.repeatability import (
     repeat_actions,
     save_actions,
 )
-from cablecast.files import read_csv, write_bytes
+from cablecast.files import read_numbers, write_bytes
 from cablecast.motion.action import check_action_values
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
@@ -172,6 +171,9 @@ def check_repeat(
         check_count("action_count", action_count, high=ACTION_COUNT_MAX)
     if actions is not None:
         check_action_values(actions)
+        speeds = [COMBINATIONS[name][0] for name in dict.fromkeys(combinations)]
+        if len(set(speeds)) < len(speeds):
+            raise InputError("actions say themselves whether the wrist turns: name each speed once")
     check_seed(seed)
     if out is not None:
         require("drawing the landings", "matplotlib")
@@ -231,14 +233,6 @@ def _finish(
 
 def read_actions(path: str | os.PathLike[str]) -> Array:
     """Return the actions of a CSV file, shape [action, 4]."""
-    rows = read_csv(os.fspath(path), _ACTION_COLUMNS)
-    try:
-        values = [[float(row[name]) for name in _ACTION_COLUMNS] for row in rows]
-    except ValueError as error:
-        raise InputError(f"{path} holds a cell that is no number: {error}") from None
-    if not values:
-        raise InputError(f"{path} holds no action")
-    actions: NDArray[np.float64] = np.array(values)
+    actions = np.array(read_numbers(os.fspath(path), _ACTION_COLUMNS, 1))
     actions[:, [0, 1, 3]] = np.radians(actions[:, [0, 1, 3]])
-    check_number("number of actions", len(actions), 1, 1_000_000)
     return check_action_values(actions)

@@ -11,6 +11,7 @@ from cablecast.engines.spread import spread
 from cablecast.errors import InputError, check_count, check_number, says_what_it_takes
 from cablecast.evaluation.coverage import (
     R0_CHOICES,
+    SCATTER_BOUNDS,
     SCATTER_MAX_PCT,
     V_MAX_CHOICES,
     Candidate,
@@ -89,7 +90,7 @@ def select(
         InputError: A value out of bounds, or a folder that holds something else.
         MissingExtraError: shapely or matplotlib is missing.
     """
-    check_number("scatter_max_pct", scatter_max_pct, 1e-6, 1e6, "%")
+    check_number("scatter_max_pct", scatter_max_pct, *SCATTER_BOUNDS, "% of cable length")
     check_count("grid", grid, 1, 100)
     check_count("grid_psi", grid_psi, 1, 40)
     require("measuring coverage", "shapely", *(["matplotlib"] if out is not None else []))

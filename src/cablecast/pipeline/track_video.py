@@ -96,11 +96,14 @@ class TrackConfig:
             raise InputError("a calibration says it all: give either it, or tags and board")
         if self.log is not None and self.start:
             raise InputError("the log says when the motion begins: give either it, or the start")
-        for name, low, high, unit in (("view_deg", 5.0, 175.0, "deg"), ("end", 0.1, 3600.0, "s")):
+        for name, low, high, unit in (
+            ("view_deg", 5.0, 175.0, "deg"),
+            ("end", 0.1, 3600.0, "s"),
+            ("rate", RATE_MIN, 100 * RATE_MAX, "1/s"),
+        ):
             if (value := getattr(self, name)) is not None:
                 check_number(name, value, low, high, unit)
         check_number("start", self.start, 0.0, 3600.0, "s")
-        check_number("rate", self.rate or RATE_MAX, RATE_MIN, 100 * RATE_MAX, "1/s")
         for name, value in zip(
             ("marker length", "marker width"), self.marker or _MARKER, strict=True
         ):

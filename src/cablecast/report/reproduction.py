@@ -172,8 +172,7 @@ def order_of_methods(results: Reproduction) -> list[str]:
 def all_parts(results: Reproduction) -> list[Part]:
     """Return every section whose stages have been run, in the order of the paper."""
     makers = (tuning_part, selection_part, model_part, method_part, cable_part, split_part)
-    parts = (maker(results) for maker in makers)
-    return [part for part in parts if part is not None]
+    return [part for maker in makers if (part := maker(results)) is not None]
 
 
 def tuning_part(results: Reproduction) -> Part | None:
@@ -270,7 +269,7 @@ def method_part(results: Reproduction) -> Part | None:
     if not evaluations:
         return None
     ours = [
-        (f"ours: {METHOD_NAMES[m]}", ErrorSummary.from_dict(v["errors_pct"]))
+        ("ours: " * (m != "ours") + METHOD_NAMES[m], ErrorSummary.from_dict(v["errors_pct"]))
         for m, v in evaluations.items()
     ]
     published = published_rows("cable_1")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cablecast.arm.base import Arm
 from cablecast.camera.settings import CameraSight
-from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.errors import (
     CablecastError,
     RigError,
@@ -389,6 +389,8 @@ def check_track(track: object, trajectory: Trajectory, setup: Setup) -> Endpoint
             raise RigError(f"the rig's track has a {kind} as joint_path: it must be a JointPath")
         _check_joints(track.joint_path, trajectory, end, setup.arm)
     log = track.controller_log
+    if log is not None and not isinstance(log, ControllerLog):
+        raise RigError("the rig's track has a controller_log that is no ControllerLog")
     if log is not None and not (
         track.joint_path is not None and len(log.times) == len(track.joint_path.times)
     ):
@@ -503,8 +505,8 @@ def _check_joints(joints: JointPath, trajectory: Trajectory, end: float, arm: Ar
     q = joints.q
     if q.shape[1] != arm.joint_count:
         raise RigError(f"the rig reports {q.shape[1]} joints: the arm has {arm.joint_count}")
-    if not np.all(np.isfinite(q)):
-        raise RigError("the rig reports a joint angle that is not finite")
+    if not (np.all(np.isfinite(q)) and np.all(np.isfinite(joints.qd))):
+        raise RigError("the rig reports a joint angle or rate that is not finite")
     joint = int(np.argmax(np.max(np.abs(q), axis=0)))
     largest = float(np.max(np.abs(q[:, joint])))
     if largest > JOINT_ANGLE_MAX:
@@ -534,6 +536,8 @@ def _offsets(joints: JointPath, command: JointPath) -> NDArray[np.float64]:
 
 
 _GRACE_MIN, _GRACE_MAX = 0.5, 10.0
+# Timers take no longer ones [s].
+_LIMIT_MAX = 1e8
 """Shortest and longest time from one interruption to the next [s]: the code that was interrupted
 may first stop an arm and close its connections."""
 
@@ -561,6 +565,7 @@ def call_within(limit: float | None, what: str, call: Callable[[], Answer]) -> A
     has_timers = hasattr(signal, "setitimer")
     if limit is None or not has_timers or threading.current_thread() is not threading.main_thread():
         return call()
+    limit = min(limit, _LIMIT_MAX)
     armed, fired = True, False
 
     def interrupt(signum: int, frame: FrameType | None) -> None:

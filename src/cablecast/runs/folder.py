@@ -145,8 +145,9 @@ def hold_folder(
         if role in roles:
             raise error(f"another process is writing to {path}: this one, in another thread")
         handle = None if roles else _lock(path, error)
-        if not roles:
-            for leftover in path.rglob(".*.tmp"):
+        # A folder of this name is that of an export, which clears its own.
+        for leftover in () if roles else path.rglob(".*.tmp"):
+            if not leftover.is_dir():
                 leftover.unlink(missing_ok=True)
         _HELD[key] = roles | {role}
     try:

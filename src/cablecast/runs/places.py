@@ -56,7 +56,7 @@ def find_input(
     default = cable_folder(cable_name) / name
     if not default.is_dir():
         raise error(
-            f"no {noun} of {cable_name} in {default}: make it with `cablecast {command} --cable "
-            f"{cable_name}`, or name it with {option}"
+            f"no {noun} of {cable_name} in {default}: make it with `cablecast {command}` and the "
+            f"same --setup or --cable, or name it with {option}"
         )
     return default

@@ -384,6 +384,7 @@ def film_html(
             shot = shots[number]
             if time == 0.0:
                 ghost.visible = shot.other is not None
+                table.clear()
                 if shot.target_xy is not None:
                     table.target(shot.target_xy)
             solid.show(shot.cast, time)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.config import AimConfig
 from cablecast.cable import PARAMS, CableParams
-from cablecast.cast import EndpointTrack
+from cablecast.cast import Cast, EndpointTrack
 from cablecast.conventions import polar_to_xy
 from cablecast.errors import CablecastError, InputError
 from cablecast.motion.action import Action
@@ -186,10 +186,13 @@ class Page:
         planned = planned or self.desk.preview
         self.guard(lambda: self.worker.submit("a cast", lambda report: self._cast(planned)))
 
-    def correct(self) -> None:
-        """Plan again against the last miss, and cast."""
+    def correct(self, missed: Cast | None = None) -> None:
+        """Plan again against the last miss, the one that a person saw, and cast."""
+        missed = missed or self.desk.last
 
         def work(report: ProgressCallback) -> None:
+            if missed is not self.desk.last:
+                raise InputError("there was another cast meanwhile: look at it, then correct")
             planned = self.desk.correct()
             self._show_plan(planned)
             self._cast(planned)
@@ -222,6 +225,7 @@ class Page:
         """Show a try again, by its name in the list."""
         for one in self.desk.tries:
             if try_name(one) == name:
+                self.stage.table.clear()
                 self._mark(one.target_xy)
                 self.stage.play({"measured": ShownCast.of_cast(one)})
 
@@ -363,7 +367,9 @@ class Page:
             lambda event: self._confirm(event, functools.partial(self.cast, desk.preview))
         )
         correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
-        correct.on_click(lambda event: self._confirm(event, self.correct))
+        correct.on_click(
+            lambda event: self._confirm(event, functools.partial(self.correct, desk.last))
+        )
         other = gui.add_button("Another target", color="blue", icon="target")
         other.on_click(lambda _: self.guard(lambda: self.aim(desk.other_target())))
         anyway = gui.add_button("Cast all the same", color=SLATE)
@@ -372,7 +378,7 @@ class Page:
                 event,
                 functools.partial(self.cast, desk.preview)
                 if desk.phase is Phase.PLANNED
-                else self.correct,
+                else functools.partial(self.correct, desk.last),
             )
         )
         stop = gui.add_button("Stop", color="red", icon="hand-stop")

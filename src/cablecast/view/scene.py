@@ -350,7 +350,6 @@ class Table:
     def __init__(self, server: "viser.ViserServer", setup: Setup):
         self._server, self._setup = server, setup
         self._blind: tuple[tuple[float, float, float], ...] = ()
-        self._tries: list[Cast] = []
         scene = server.scene
         scene.configure_environment_map(hdri=None)
         scene.configure_default_lights(enabled=False, cast_shadow=False)
@@ -425,7 +424,6 @@ class Table:
 
     def clear(self) -> None:
         """Take the marks of target, expectation and landings away."""
-        self._tries = []
         for name in ("target", "expected", "tries"):
             self._server.scene.remove_by_name(f"/marks/{name}")
 
@@ -442,7 +440,6 @@ class Table:
     def landings(self, trials: list[Cast]) -> None:
         """Draw the landings of tries at one target, numbered, each with a line to the target."""
         self._server.scene.remove_by_name("/marks/tries")
-        self._tries = trials
         for one in trials:
             if not np.all(np.isfinite(one.final_xy)):
                 continue
@@ -458,7 +455,9 @@ class Table:
             if is_last:
                 cable_length = self._setup.cable.length
                 text += f":  {one.miss_pct * cable_length:.1f} cm, {one.miss_pct:.1f} %"
-            if is_last or np.any(np.abs(_text_xy(one) - _text_xy(trials[-1])) > _TEXT_ROOM):
+            apart = np.abs(_text_xy(one) - _text_xy(trials[-1]))
+            # The last one may not have landed.
+            if is_last or not np.all(apart <= _TEXT_ROOM):
                 x, y = map(float, _text_xy(one))
                 self._text(f"{name}/label", text, (x, y, _TEXT_LIFT), color, _TEXT_HEIGHT, WHITE)
 

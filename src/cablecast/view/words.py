@@ -55,7 +55,7 @@ def status_text(desk: Desk, state: WorkState) -> str:
     if phase in (Phase.LANDED, Phase.DONE) and last is not None and math.isfinite(last.miss_pct):
         verdict = "Hit" if last.hit else "Landed"
         head = f"{verdict}: {_length_text(last.miss_pct, length)} from the target. {head}"
-    if desk.stop:
+    if desk.stop and not state.message:
         news = f"another cast is not worth it: {desk.stop}" if phase is Phase.DONE else desk.stop
     return f"**{head}**" + (f"\n\n{news[:1].upper()}{news[1:]}" if news else "")
 

@@ -67,6 +67,7 @@ def sent(curve, setup, dt=DT):
         "read_input_integer_register": lambda i: next(beats) if i == beat else 0,
         "write_output_integer_register": lambda index, value: None,
         "get_steptime": lambda: dt,
+        "get_actual_joint_positions": lambda: curve.q[0].tolist(),
         "floor": math.floor,
     }
     program = Program(motion_program("cast", curve, setup.robot, 1))

@@ -294,6 +294,9 @@ class UrLink:
                 f"{_ANSWER_TIME_MAX:g} s ({error}): the controller is busy, or the network slow. "
                 "Wait until the pendant responds. The same command resumes"
             ) from None
+        except BaseException:
+            self._hang_up()
+            raise
 
     def stop_program(self) -> None:
         """End whatever program runs; the arm brakes.
@@ -353,12 +356,14 @@ class UrLink:
     def _read(self) -> None:
         """Sort what the process says."""
         stream = self._process.stdout
-        for line in stream or ():
-            values = json.loads(line)
-            if "report" in values:
-                self.reports.append(Report(*values["report"]))
-            else:
-                self._answers.put(values)
+        # A process that is killed may leave half a line.
+        with contextlib.suppress(json.JSONDecodeError):
+            for line in stream or ():
+                values = json.loads(line)
+                if "report" in values:
+                    self.reports.append(Report(*values["report"]))
+                else:
+                    self._answers.put(values)
         self._answers.put({"failed": "its process ended"})
 
 

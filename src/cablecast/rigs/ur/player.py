@@ -24,6 +24,8 @@ REST_SPEED = 0.02
 _START_TIME_MAX = 15.0
 """Longest time from sending a program to its first sign of life [s]."""
 _STOP_TIME_MAX = 1.0
+_LATE_MAX = 2.0
+"""Time beyond that of its motion after which a program counts as lost [s]."""
 _TICK_LAG_MAX = 0.1
 """Longest time by which the program may be behind the controller's clock [s]."""
 _POLL = 0.002
@@ -82,7 +84,6 @@ class Player:
             )
         # The number tells this program from an earlier one, also from that of another session.
         number = next(self._numbers) + int(time.monotonic() * 100) % 1_000_000 * 1000
-        number %= 2_000_000_000
         done = False
         try:
             link.keep_alive()
@@ -90,9 +91,9 @@ class Player:
             program = motion_program(name, curve, self.robot, number)
             link.send_program(program)
             self._wait_for_start(number, len(program))
-            reports = self._watch(first, number)
+            reports = self._watch(first, number, hold_time(self.robot) + curve.duration)
             done = True
-            return MotionRecord(_start_time(reports, hold_time(self.robot)), reports)
+            return MotionRecord(_start_time(reports), reports)
         finally:
             link.rest()
             if not done:
@@ -134,10 +135,11 @@ class Player:
                 )
             time.sleep(_POLL)
 
-    def _watch(self, first: float, number: int) -> list[Report]:
-        """Watch until the motion is done, and return its reports."""
+    def _watch(self, first: float, number: int, duration: float) -> list[Report]:
+        """Watch until the motion of a duration [s] is done, and return its reports."""
         link = self.link
         seen: list[Report] = []
+        begin: float | None = None
         start: float | None = None
         while True:
             link.keep_alive()
@@ -146,6 +148,7 @@ class Player:
             for report in fresh:
                 self._check_motion(report)
                 if report.number == number:
+                    begin = report.time if begin is None else begin
                     self._check_program(report)
                     if start is None and report.tick > 0:
                         start = report.time - report.tick * TICK_DT
@@ -154,6 +157,11 @@ class Player:
             seen.extend(fresh)
             if newest.number == number and newest.state == ProgramState.DONE:
                 return seen
+            if begin is not None and newest.time > begin + duration + _LATE_MAX:
+                raise CastAbortedError(
+                    "the motion is not done in its time: look at the pendant whether another "
+                    "program took the place of ours"
+                )
             time.sleep(_POLL)
 
     def _check_motion(self, report: Report) -> None:
@@ -178,6 +186,10 @@ class Player:
                 f"the controller heard nothing of this computer for {self.robot.watchdog:g} s and "
                 "stopped the arm: close other programs, or use a cable instead of Wi-Fi"
             )
+        if report.state == ProgramState.ELSEWHERE:
+            raise CastAbortedError(
+                "the arm was moved before its program began: let nobody move it, and reset it"
+            )
         if report.state == ProgramState.STOPPED:
             raise CastAbortedError("the motion was stopped")
         if not report.is_playing and report.state != ProgramState.DONE:
@@ -199,11 +211,11 @@ def _check_pace(report: Report, start: float) -> None:
         )
 
 
-def _start_time(reports: list[Report], hold: float) -> float:
+def _start_time(reports: list[Report]) -> float:
     """Return when the motion began by the controller's clock [s]."""
     starts = [
         r.time - r.tick * TICK_DT for r in reports if r.state == ProgramState.MOVING and r.tick
     ]
     if not starts:
-        raise CastAbortedError(f"no report came from the motion after its hold of {hold:g} s")
+        raise CastAbortedError("no report came from the motion")
     return float(np.median(starts))

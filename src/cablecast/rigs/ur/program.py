@@ -90,6 +90,8 @@ class JointCurve:
             raise InputError(
                 f"control_dt = {dt:g} s of a robot must divide {_KNOT_DT:g} s, as 0.002 s does"
             )
+        if not np.allclose(np.diff(path.times), dt, rtol=0.0, atol=1e-9):
+            raise InputError("the set points of a robot must come at even times")
         # Held at its end until the next knot.
         pad = ((0, -(len(path.q) - 1) % stride), (0, 0))
         q, qd = np.pad(path.q, pad, "edge"), np.pad(path.qd, pad)
@@ -194,6 +196,9 @@ def check_path(curve: JointCurve, setup: Setup, what: str) -> None:
         raise JointLimitError(f"{what}: {found}")
 
 
+_ELSEWHERE = 0.01
+"""Angle of a joint from the start of a motion from which on its program does not move [rad]. A
+program may arrive late, and an arm may be jogged meanwhile."""
 STOP_DECELERATION = 15.0
 """Deceleration of all joints when the program stops early [rad/s²]."""
 HOLD_TIME, _HOLD_MARGIN = 0.3, 0.1
@@ -210,6 +215,7 @@ class ProgramState(enum.IntEnum):
     DONE = 3
     STOPPED = 4
     SILENCE = 5
+    ELSEWHERE = 6
 
 
 UNDER_WAY = (ProgramState.HOLDING, ProgramState.MOVING)
@@ -261,6 +267,15 @@ def {name}():
     end
     q_0 = q
     qd_0 = qd
+  end
+  local here = get_actual_joint_positions()
+  local joint = 0
+  while joint < 6:
+    local off = here[joint] - q_0[joint]
+    if off > {tolerance:g} or off < -{tolerance:g}:
+      brake({states.ELSEWHERE:d})
+    end
+    joint = joint + 1
   end
   local held = 0
   while held < {hold}:
@@ -314,6 +329,7 @@ def motion_program(name: str, curve: JointCurve, robot: RobotConfig, number: int
         silence_max=round(1000 * robot.watchdog),
         robot=robot,
         states=ProgramState,
+        tolerance=_ELSEWHERE,
         angles=f"[{_ANGLES}]",
         hold=round(1000 * hold_time(robot)),
         pieces="\n".join(pieces),

@@ -16,13 +16,7 @@ from cablecast.errors import CablecastError, InputError, JointLimitError, RigErr
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
-from cablecast.rigs.ur.link import (
-    Phase,
-    UrLink,
-    check_arm,
-    check_ready,
-    check_report,
-)
+from cablecast.rigs.ur.link import Phase, UrLink, check_arm, check_ready, check_report
 from cablecast.rigs.ur.player import CastAbortedError, MotionRecord, Player
 from cablecast.rigs.ur.program import UNDER_WAY, JointCurve, check_path, joint_move
 from cablecast.setup import Setup
@@ -56,6 +50,8 @@ TURN_SPEED = 0.8
 _STILL_TIME = 0.3
 _HANG_STILL_TIME = 1.0
 _JOINT_TAIL = 0.4
+# Angle by which set points are away from the end of a cast while the cable comes to rest [rad].
+_MOVED = 5e-3
 REPORT_GAP_MAX = 0.1
 """Longest time of a cast without a report [s]. Between two reports so far apart a joint that speeds
 up at 20 rad/s² is 25 mrad from the straight line that stands for its way."""
@@ -123,13 +119,15 @@ class RigUR(RigLifecycle):
         self._use_reset()
         curve = self.curve(trajectory)
         check_path(curve, self.setup, "this cast")
-        link = self._connected()
-        check_ready(link, self.robot)
+        check_ready(self._connected(), self.robot)
         if self._rehearsed < REHEARSAL_COUNT:
             self._play("cablecast_rehearsal", curve.slowed(REHEARSAL_SLOWNESS), Phase.CAST)
             self._rehearsed += 1
             self.reset()
             self._use_reset()
+        # The reset may have connected anew.
+        link = self._connected()
+        check_ready(link, self.robot)
         self.camera.start()
         try:
             record = self._play("cablecast_cast", curve, Phase.CAST)
@@ -172,13 +170,15 @@ class RigUR(RigLifecycle):
         try:
             if self._link is not None:
                 link, self._link = self._link, None
-                newest = link.latest() if link.is_alive else None
-                # A program that is not ours goes on.
-                if newest is not None and newest.is_playing and newest.state in UNDER_WAY:
-                    Player(link, self.robot).stop()
-                with contextlib.suppress(RigError):
-                    link.set_phase(Phase.IDLE)
-                link.close()
+                try:
+                    newest = link.reports[-1] if link.is_alive else None
+                    # A program that is not ours goes on.
+                    if newest is not None and newest.is_playing and newest.state in UNDER_WAY:
+                        Player(link, self.robot).stop()
+                    with contextlib.suppress(RigError):
+                        link.set_phase(Phase.IDLE)
+                finally:
+                    link.close()
         finally:
             self.camera.close()
 
@@ -229,12 +229,17 @@ class RigUR(RigLifecycle):
         """Wait until the cable has come to rest, and return when all of it took place."""
         link.set_phase(Phase.SETTLE)
         end = record.start_time + curve.duration + self.robot.settle_time
-        while (report := link.latest()).time < end:
-            if not report.is_playing:
-                time.sleep(0.005)
+        tail = record.start_time + curve.duration + _JOINT_TAIL
+        while link.latest().time < end:
+            time.sleep(0.005)
         check_report(link.wait_for_report(), self.robot)
         reports = link.since(record.start_time)
-        tail = record.start_time + curve.duration + _JOINT_TAIL
+        for report in reports:
+            moved = float(np.abs(report.target_q - curve.q[-1]).max()) > _MOVED
+            if report.time > tail and (report.is_playing or moved):
+                raise CastAbortedError(
+                    "the arm was moved, or another program ran, while the cable came to rest"
+                )
         used = [r for r in reports if r.time <= tail]
         timing = TrialTiming(
             start_time=record.start_time,
@@ -351,6 +356,11 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, Joi
         off = float(np.abs(setup.arm.inverse(pose) - q).max())
     except CablecastError:
         off = np.inf
+    if off == np.inf:
+        raise RigError(
+            "the arm stands where its gripper cannot point down: bring it over the table by hand "
+            "(freedrive), and start again"
+        )
     if off > BRANCH_MAX:
         raise RigError(
             f"the arm stands {off:.2f} rad from where its gripper would point down with its elbow "

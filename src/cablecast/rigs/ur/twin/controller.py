@@ -149,6 +149,10 @@ class _Running:
     wait: Callable[[], bool] | None = None
 
 
+# What a program of a person may do wrong.
+_PROGRAM_ERRORS = (ScriptError, TypeError, ValueError, LookupError, ArithmeticError, RecursionError)
+
+
 class Controller:
     """A UR controller of one arm.
 
@@ -294,7 +298,7 @@ class Controller:
                 running.wait = self._timed[name](*values, **named)
         except StopIteration:
             self.stop_program("its end")
-        except ScriptError as error:
+        except _PROGRAM_ERRORS as error:
             self.messages.append(str(error))
             self.stop_program(f"error: {error}")
 
@@ -347,12 +351,14 @@ class Controller:
         """Return the functions of URScript that take no time."""
 
         def write_integer(index: int, value: Any) -> None:
+            if not (0 <= index < REGISTER_COUNT and abs(int(value)) < 2**31):
+                raise ScriptError(f"register {index} takes no {value}")
             self.int_registers[index] = int(value)
 
         return {
             "read_input_integer_register": lambda i: int(self.inputs[f"input_int_register_{i}"]),
             "write_output_integer_register": write_integer,
             "get_steptime": lambda: self.dt,
+            "get_actual_joint_positions": lambda: self.arm.q.tolist(),
             "floor": math.floor,
-            "textmsg": lambda *parts: self.messages.append(" ".join(map(str, parts))),
         }

@@ -369,6 +369,7 @@ class TwinLaboratory:
                 return {"error": f"there is no command {str(do)[:40]!r}"}
             return {
                 "time": self.controller.time,
+                "heard": self.controller.inputs.get("written at", 0.0),
                 "program": self.controller.program_name,
                 "at_rest": self.controller.at_rest,
                 "q": self.controller.arm.q.tolist(),

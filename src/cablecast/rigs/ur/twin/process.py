@@ -48,6 +48,7 @@ class TwinProcess:
         there.close()
         try:
             if not here.poll(_START_TIME_MAX):
+                self._process.kill()
                 raise RigError(f"the twin did not start within {_START_TIME_MAX:g} s")
             answer = here.recv()
         except EOFError:
@@ -98,7 +99,7 @@ class TwinClient:
             self._socket = socket.create_connection((address, ADMIN_PORT), _ANSWER_TIME_MAX)
         except OSError as error:
             raise RigError(
-                f"no twin answers at {address}:{ADMIN_PORT} ({error.strerror}): "
+                f"no twin answers at {address}:{ADMIN_PORT} ({error.strerror or error}): "
                 "start `cablecast twin`"
             ) from None
         self._stream = self._socket.makefile("rw", encoding="utf-8")
@@ -141,7 +142,7 @@ class TwinClient:
             line = self._stream.readline()
             if not line:
                 raise OSError("it closed the connection")
-        except OSError as error:
+        except (OSError, ValueError) as error:
             raise RigError(f"the twin does not answer: {error}") from None
         answer = json.loads(line)
         if "error" in answer:
