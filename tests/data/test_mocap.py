@@ -183,6 +183,9 @@ def test_sections_without_rows_are_passed_over_and_hold_no_positions(ending, tmp
     with take.open("a") as file:
         file.write(section)
     assert list(Take.load(take, frame).points) == ["Cable:end", "Cable:grip", "Cable:ahead"]
+    take.write_text("x" * 200_000)
+    with pytest.raises(InputError, match="is no CSV file"):
+        Take.load(take, frame)
     take.write_text(section)
     with pytest.raises(InputError, match="holds no positions"):
         Take.load(take, frame)

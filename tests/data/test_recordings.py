@@ -148,6 +148,18 @@ def test_the_end_of_a_cast_is_read_from_its_track(x_of, status, tmp_path):
     assert read_recordings(table, SETUP)[0].cast.status is status
 
 
+def test_a_cast_that_moves_is_not_at_rest_however_few_looks_there_are(tmp_path):
+    rows = rows_with(lambda t: 0.12 * t, np.arange(0.0, 3.0, 0.25))
+    table = write_table(rows, tmp_path / "table.csv")
+    assert read_recordings(table, SETUP)[0].cast.status is TrialStatus.OCCLUDED
+
+
+def test_an_action_out_of_bounds_is_named_with_its_cast(tmp_path):
+    rows = [row | {"theta1_rad": -9.5} for row in rows_with(lambda t: 0.2)]
+    with pytest.raises(InputError, match=r"a.*theta1"):
+        read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP)
+
+
 @pytest.mark.parametrize(
     ("x_of", "status"),
     [(lambda t: 0.2, TrialStatus.OK), (lambda t: t, TrialStatus.OCCLUDED)],

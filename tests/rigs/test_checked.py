@@ -13,7 +13,7 @@ from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError, RigError, StoppedError, TargetError
 from cablecast.rigs import checked as time_limit
-from cablecast.rigs.checked import CheckedRig, attempt_trial
+from cablecast.rigs.checked import CheckedRig, attempt_trial, call_within
 
 SHORT = 0.3
 """Time limit of a rig that hangs [s]: a busy machine may stop a test for a tenth of a second."""
@@ -285,6 +285,8 @@ def test_a_rig_may_have_all_the_time_there_is(make, small_cast):
     rig = make(OddRig(), time_limit=None)
     rig.reset()
     assert rig.execute(small_cast).status is TrialStatus.OK
+    # That of very many motions is more than a timer takes.
+    assert call_within(1e12, "it", lambda: 1) == 1
     with pytest.raises(InputError, match="time_limit = 0 s"):
         make(OddRig(), time_limit=0)
 

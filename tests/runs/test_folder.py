@@ -9,6 +9,7 @@ from cablecast.files import library_versions
 from cablecast.runs.folder import (
     RunFolder,
     fingerprint,
+    hold_folder,
     plain_settings,
     settings_differences,
     source_commit,
@@ -100,6 +101,14 @@ def test_another_process_is_kept_out_of_a_folder_while_a_run_is_in_it(tmp_path):
     with RunFolder.open(tmp_path, "train", SETTINGS).locked():
         assert other_process() == f"another process is writing to {tmp_path}"
     assert other_process() == "held"
+
+
+def test_an_export_that_was_killed_does_not_stop_runs_around_it(tmp_path):
+    left = tmp_path / "run" / ".casts-lerobot.12-x.tmp"
+    left.mkdir(parents=True)
+    (tmp_path / "run" / ".metrics.json.tmp").write_text("{")
+    with hold_folder(tmp_path / "run", InputError):
+        assert [file.name for file in (tmp_path / "run").iterdir()] == [left.name]
 
 
 def test_a_folder_of_someone_else_is_left_alone(tmp_path):

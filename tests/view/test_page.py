@@ -67,6 +67,11 @@ def test_point_cast_correct_replay_undo(page, drawn):
     page.correct()
     page.worker.drain()
     assert [one.try_number for one in desk.tries] == [1, 2]
+    # A person who saw the first cast only, in another tab, corrects nothing.
+    page.correct(desk.tries[0])
+    page.worker.drain()
+    assert "there was another cast meanwhile" in page.worker.state.message
+    assert len(desk.tries) == 2
     page.replay(try_name(desk.tries[0]))
     assert page.stage.player.duration == pytest.approx(ShownCast.of_cast(desk.tries[0]).duration)
     page.undo()

@@ -135,6 +135,20 @@ def test_drawn_pictures_of_a_board_that_faces_the_camera_are_refused():
         calibrate_lens(pictures, BOARD)
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"tag": 0.07}, r"tag = 0.07 m must be smaller than its squares of 0.06 m"),
+        ({"row_count": 1}, "row_count = 1"),
+        ({"square": -1.0}, "square = -1"),
+        ({"family": "4X4_50", "column_count": 30, "row_count": 30}, "450 tags, and 4X4_50 only 50"),
+    ],
+)
+def test_a_board_that_cannot_be_printed_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        dataclasses.replace(BOARD, **changes)
+
+
 def test_a_board_of_another_family_is_named():
     camera = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))
     board, down = dataclasses.replace(BOARD, family="5X5_100"), np.diag([1.0, -1.0, -1.0])

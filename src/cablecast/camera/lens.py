@@ -16,6 +16,10 @@ _NEWTON_COUNT = 12
 _NEWTON_STEP_MAX = 0.3
 
 
+VIEW_BOUNDS_DEG = 6.0, 149.0
+"""Bounds of the view over the diagonal of a picture [deg]."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Lens:
     """Intrinsics of a camera.
@@ -49,10 +53,7 @@ class Lens:
     @classmethod
     def from_view(cls, width: int, height: int, diagonal_view: float) -> "Lens":
         """Return a lens without distortion from the view over the image's diagonal [rad]."""
-        if not 0.1 <= diagonal_view <= 2.6:
-            raise InputError(
-                f"diagonal view = {np.degrees(diagonal_view):.1f} deg is outside [6, 149]"
-            )
+        check_number("diagonal view", float(np.degrees(diagonal_view)), *VIEW_BOUNDS_DEG, "deg")
         focal = float(np.hypot(width, height) / 2 / np.tan(diagonal_view / 2))
         return cls(
             width=width,

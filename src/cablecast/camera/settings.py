@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.camera.lens import Lens
+from cablecast.camera.lens import VIEW_BOUNDS_DEG, Lens
 from cablecast.camera.tags import FAMILY, EndTag, TagLayout, tag_family
 from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
 
@@ -93,7 +93,7 @@ class CameraSettings:
                 "exposure": (1e-5, 0.1, "s"),
                 "clock_offset": (-1e12, 1e12, "s"),
                 "row_time": (0.0, 1e-3, "s"),
-                "view_deg": (5.0, 175.0, "deg"),
+                "view_deg": (*VIEW_BOUNDS_DEG, "deg"),
                 "marker_hue": (0.0, 360.0, "deg"),
             },
             "camera",

@@ -85,7 +85,7 @@ class Tag:
             {
                 "x": (-10.0, 10.0, "m"),
                 "y": (-10.0, 10.0, "m"),
-                "yaw": (-10.0, 10.0, "rad"),
+                "yaw": (-2.0 * math.pi, 2.0 * math.pi, "rad"),
                 "size": (0.01, 1.0, "m"),
             },
             f"tag {self.id}",
@@ -158,7 +158,7 @@ class TagLayout:
                 "id": tag.id,
                 "x": float(tag.x),
                 "y": float(tag.y),
-                "yaw_deg": math.degrees(tag.yaw),
+                "yaw_deg": min(max(math.degrees(tag.yaw), -360.0), 360.0),
                 "size": float(tag.size),
             }
             for tag in self.tags
@@ -325,7 +325,7 @@ def fit_table(layout: TagLayout, touched: Mapping[int, Point]) -> TableFit:
     moved = tuple(dataclasses.replace(tag, x=tag.x - x, y=tag.y - y) for tag in layout.tags)
     return TableFit(
         base_height=float(t[2]),
-        # The first row of the base's rotation is (-sin yaw, cos yaw, 0): see arm/geometry.py.
+        # The first row of the base's rotation is (-sin yaw, cos yaw, 0).
         base_yaw_deg=float(np.degrees(np.arctan2(-R[0, 0], R[0, 1]))),
         axis_xy=(float(x), float(y)),
         tilt_deg=tilt_deg,

@@ -134,7 +134,7 @@ class Dataset:
         Raises:
             DatasetError: The mask has another length, or an index is out of range.
         """
-        chosen = np.asarray(chosen)
+        chosen = np.atleast_1d(np.asarray(chosen))
         try:
             rows = np.arange(len(self))[chosen if chosen.size else chosen.astype(int)]
         except IndexError as error:

@@ -195,7 +195,7 @@ def write_tables(
                 "video.width": video.size[1],
                 "video.channels": 3,
                 "video.codec": "h264",
-                "video.pix_fmt": "yuv420p",
+                "video.pix_fmt": "yuv444p" if any(side % 2 for side in video.size) else "yuv420p",
                 "video.is_depth_map": False,
                 "has_audio": False,
             },

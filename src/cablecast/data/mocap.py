@@ -83,8 +83,13 @@ class Take:
         except FileNotFoundError as error:
             raise InputError(str(error)) from None
         tab = "\t" in text[:2000] and "," not in text[:2000]
-        rows = list(csv.reader(text.splitlines(), delimiter="\t" if tab else ","))
+        try:
+            rows = list(csv.reader(text.splitlines(), delimiter="\t" if tab else ","))
+        except csv.Error as error:
+            raise InputError(f"{path} is no CSV file: {error}") from None
         rows = [[cell.strip() for cell in row] for row in rows]
+        while rows and not any(rows[-1]):
+            rows.pop()
         if rows and rows[0] and rows[0][0] == "Format Version":
             times, points = _motive(path, rows)
         elif any(row and row[0] in _SECTIONS for row in rows):

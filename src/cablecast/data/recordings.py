@@ -307,7 +307,10 @@ def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -
         looks &= times <= last_seen
     joint_path = _joint_path(where, columns, joints, motion.get(joints))
     grip = _grip(columns, motion.get(GRIP_COLUMNS), setup.workspace)
-    action = _action(columns)
+    try:
+        action = _action(columns)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
     if joint_path is None and grip is None and not np.all(np.isfinite(action)):
         raise InputError(f"{where}: there are neither joints, nor a grip, nor an action")
     path = grip or (joint_path and (joint_path.times, setup.arm.grip_pose(joint_path.q)))
@@ -409,6 +412,8 @@ def _status(times: Array, xy: Array, workspace: Workspace) -> TrialStatus:
     if not workspace.on_table(xy[seen][-1]):
         return TrialStatus.OFF_TABLE
     late = seen & (times >= times[-1] - _REST_TIME)
+    # Of fewer looks, with the one before: a single place never moves.
+    late[np.flatnonzero(seen & (times <= times[-1] - _REST_TIME + 1e-9))[-1:]] = True
     if not seen[-1] or np.ptp(xy[late], axis=0).max() > _REST_DISTANCE:
         return TrialStatus.OCCLUDED
     return TrialStatus.OK

@@ -195,6 +195,8 @@ class CastStore:
 
     def undo(self, number: int) -> None:
         """Take a cast back: it is kept, and counts for nothing from now on."""
+        if number not in range(len(self)):
+            raise InputError(f"the store has {len(self)} casts: there is no cast {number}")
         undone = self.undone | {number}
         if self._run is not None:
             with self._run.locked():

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.camera.lens import VIEW_BOUNDS_DEG
 from cablecast.camera.settings import MARKER_HUE
 from cablecast.camera.tags import TagLayout
 from cablecast.cast import EndpointTrack, TrialStatus
@@ -97,7 +98,7 @@ class TrackConfig:
         if self.log is not None and self.start:
             raise InputError("the log says when the motion begins: give either it, or the start")
         for name, low, high, unit in (
-            ("view_deg", 5.0, 175.0, "deg"),
+            ("view_deg", *VIEW_BOUNDS_DEG, "deg"),
             ("end", 0.1, 3600.0, "s"),
             ("rate", RATE_MIN, 100 * RATE_MAX, "1/s"),
         ):

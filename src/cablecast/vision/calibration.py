@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.lens import CameraView, Lens
-from cablecast.camera.tags import TagLayout, tag_family
-from cablecast.errors import InputError
+from cablecast.camera.tags import TAG_COUNTS, TagLayout, tag_family
+from cablecast.errors import InputError, check_count, check_number
 from cablecast.files import read_json, write_json
 from cablecast.vision.tags import detect_tags, dictionary_of, family_seen, load_cv2, to_grey
 
@@ -69,6 +69,17 @@ class Board:
 
     def __post_init__(self):
         object.__setattr__(self, "family", tag_family(self.family))
+        for name in ("column_count", "row_count"):
+            check_count(f"board {name}", getattr(self, name), 2, 100)
+        check_number("board square", self.square, 0.001, 1.0, "m")
+        check_number("board tag", self.tag, 0.0005, 1.0, "m")
+        if self.tag >= self.square:
+            raise InputError(
+                f"board tag = {self.tag:g} m must be smaller than its squares of {self.square:g} m"
+            )
+        needed, known = self.column_count * self.row_count // 2, TAG_COUNTS[self.family]
+        if needed > known:
+            raise InputError(f"the board has {needed} tags, and {self.family} only {known}")
 
     def to_opencv(self) -> Any:
         """Return the board as OpenCV knows it."""
@@ -331,7 +342,7 @@ def calibrate_view(
     """
     if not images:
         raise InputError("a calibration needs at least one picture")
-    seen = _average_tags(images, layout)
+    seen = average_tags(images, layout)
     height, width = images[0].shape[:2]
     if lens is not None and (lens.width, lens.height) != (width, height):
         raise InputError(
@@ -400,7 +411,7 @@ def _fit_view(
     return _view(fitted, rvecs[0], tvecs[0])
 
 
-def _average_tags(
+def average_tags(
     images: Sequence[NDArray[np.uint8]], layout: TagLayout
 ) -> dict[int, NDArray[np.float64]]:
     """Return median corners of each tag of the layout over the pictures that show it [px]."""

@@ -886,6 +886,8 @@ def pick_marker(
     place = np.asarray(at, dtype=float)
     light, px_per_m = table_light(image, view, workspace), view.pixels_per_metre(place)
     u, v = view.to_image(np.array([*place, 0.0])).tolist()
+    if not np.isfinite([u, v, px_per_m]).all():
+        raise InputError(f"x, y = {place[0]:.2f}, {place[1]:.2f} m is not before the camera")
     half = _PICK_RADIUS * px_per_m
     left, top = max(int(u - half), 0), max(int(v - half), 0)
     piece = image[top : max(int(v + half), 0), left : max(int(u + half), 0)]

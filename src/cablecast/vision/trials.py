@@ -16,7 +16,7 @@ from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import CameraError
 from cablecast.motion.trajectory import JointPath
 from cablecast.setup import Setup
-from cablecast.vision.calibration import Calibration, calibrate_view
+from cablecast.vision.calibration import Calibration, average_tags, calibrate_view
 from cablecast.vision.clock import CastClock, ClockOffset, controller_shift
 from cablecast.vision.end_tag import make_tracker
 from cablecast.vision.grip import is_held, turned_into_sight
@@ -160,8 +160,8 @@ class CameraOfTrials:
         self._sight = CameraSight(position=self.calibration.view.position)
         self._usual = Brightness.of(images[-1])
         # Another tag of the family, such as one on the cable's end, may move.
-        used, tags = set(self.calibration.tag_ids), detect_tags(images[-1], tags_of(setup).family)
-        self._tags = {tag_id: tag for tag_id, tag in tags.items() if tag_id in used}
+        seen = average_tags(images, tags_of(setup))
+        self._tags = {tag_id: seen[tag_id] for tag_id in self.calibration.tag_ids}
         self.description: dict[str, Any] = {
             "camera": self._camera.facts.kind,
             **self.settings.to_dict(),

@@ -75,6 +75,12 @@ def sent(curve, setup, dt=DT):
     return np.array([values[0] for name, values, _ in commands if name == "servoj"])
 
 
+def test_set_points_at_uneven_times_are_refused():
+    times, q = np.array([0.0, 0.008, 0.016, 0.024, 1.0]), np.zeros((5, 6))
+    with pytest.raises(InputError, match="at even times"):
+        JointCurve.fit(JointPath(times=times, q=q, qd=q))
+
+
 def assert_within(q, setup):
     """Check set points against the twin's limits and the lab file, not by check_path."""
     limits = TwinLimits(setup, DT)

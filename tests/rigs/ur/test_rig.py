@@ -65,6 +65,46 @@ def programs(process):
     return [e["name"] for e in process.admin.events() if e["what"] == "program starts"]
 
 
+class MovingLink:
+    """A connection to an arm that a person's program moves after a cast."""
+
+    def __init__(self, q, *, moves):
+        self.q, self.moves, self.reports = q, moves, []
+
+    def set_phase(self, phase):
+        pass
+
+    def latest(self):
+        time = 0.1 * len(self.reports)
+        q = self.q + (0.1 * time if self.moves else 0.0)
+        values = {"q": q, "target_q": q, "qd": np.zeros(6), "is_playing": self.moves}
+        values |= {"speed_scaling": 1.0, "safety_bits": 1, "robot_mode": 7}
+        values |= {"payload": 0.95, "payload_cog": None, "state": 3, "tick": 0, "number": 1}
+        self.reports.append(Report(time=time, host_time=time, **values))
+        return self.reports[-1]
+
+    wait_for_report = latest
+
+    def since(self, time):
+        return [report for report in self.reports if report.time >= time]
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_cast_after_which_the_arm_is_moved_is_no_data(stick, moves):
+    setup = stick[1]
+    setup = dataclasses.replace(
+        setup, robot=dataclasses.replace(setup.robot, payload_mass=0.95, settle_time=1.0)
+    )
+    rig, q = RigQuick(setup, TruthCamera(setup)), np.zeros(6)
+    curve = joint_move(q, q + 0.01, 0.6)
+    link = MovingLink(curve.q[-1], moves=moves)
+    if moves:
+        with pytest.raises(CastAbortedError, match="while the cable came to rest"):
+            rig._settle(link, MotionRecord(0.0, []), curve)
+    else:
+        assert rig._settle(link, MotionRecord(0.0, []), curve)[0].start_time == 0.0
+
+
 @pytest.mark.usefixtures("busy_computer")
 def test_the_first_casts_of_a_lab_file_that_nobody_has_seen_are_rehearsed_slowly(stick, cast):
     before = len(programs(stick[0]))
