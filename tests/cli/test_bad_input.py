@@ -321,14 +321,16 @@ def test_a_cable_file_that_is_no_yaml_is_refused(capsys, in_new_folder):
 
 
 def test_a_missing_dataset_says_how_to_make_one(capsys, in_new_folder):
-    assert "cablecast simulate --cable cable_2" in refused(["train", "--cable", "cable_2"], capsys)
+    assert "make it with `cablecast simulate` and the same" in refused(
+        ["train", "--cable", "cable_2"], capsys
+    )
     assert "nowhere" in refused(["train", "--dataset", "nowhere", "--out", "model"], capsys)
     assert snapshot(in_new_folder) == {}
 
 
 def test_a_missing_model_says_how_to_make_one(capsys, in_new_folder):
     for arguments in (["plan", "--target", "1.0", "0"], ["evaluate"]):
-        assert "cablecast train --cable cable_1" in refused(arguments, capsys)
+        assert "make it with `cablecast train` and the same" in refused(arguments, capsys)
     line = refused(["plan", "--model", "nowhere", "--target", "1.0", "0"], capsys)
     assert "nowhere" in line
 

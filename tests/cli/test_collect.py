@@ -200,7 +200,7 @@ def test_actions_of_one_s_own_are_repeated(lab, capsys):
     assert made(lab) == [0, 1, 2]
     for text, words in (
         ("theta1_deg,theta2_deg\n-40,30\n", "lacks the columns r2_m, psi_deg"),
-        ("theta1_deg,theta2_deg,r2_m,psi_deg\n", "holds no action"),
+        ("theta1_deg,theta2_deg,r2_m,psi_deg\n", "must hold at least 1 rows"),
         ("theta1_deg,theta2_deg,r2_m,psi_deg\n40,30,0.6,50\n", "opposite signs"),
     ):
         file.write_text(text)

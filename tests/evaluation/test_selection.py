@@ -65,7 +65,7 @@ def test_how_much_may_scatter_is_the_users_to_say():
 
 @pytest.mark.parametrize("scatter_max_pct", [0.0, -1.0, math.nan, math.inf])
 def test_a_bound_on_the_scatter_is_a_positive_number(scatter_max_pct):
-    with pytest.raises(InputError, match="scatter_max = "):
+    with pytest.raises(InputError, match="scatter_max_pct = "):
         choose(PUBLISHED_CANDIDATES, scatter_max_pct=scatter_max_pct)
 
 

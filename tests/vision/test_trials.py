@@ -186,7 +186,7 @@ def test_a_camera_that_fails_before_a_trial_says_what_to_do(camera, player, stre
     ("moves", "words"),
     [
         (lambda tags, count: tags | {99: next(iter(tags.values())) + 50.0 * count}, ""),
-        (lambda tags, count: {i: tag + 2.0 * (count > 1) for i, tag in tags.items()}, "was moved"),
+        (lambda tags, count: {i: tag + 2.0 * (count > 0) for i, tag in tags.items()}, "was moved"),
     ],
 )
 def test_a_tag_beside_the_table_may_move_and_the_camera_may_not(

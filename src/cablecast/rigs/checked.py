@@ -505,8 +505,10 @@ def _check_joints(joints: JointPath, trajectory: Trajectory, end: float, arm: Ar
     q = joints.q
     if q.shape[1] != arm.joint_count:
         raise RigError(f"the rig reports {q.shape[1]} joints: the arm has {arm.joint_count}")
-    if not (np.all(np.isfinite(q)) and np.all(np.isfinite(joints.qd))):
-        raise RigError("the rig reports a joint angle or rate that is not finite")
+    if not np.all(np.isfinite(q)):
+        raise RigError("the rig reports a joint angle that is not finite")
+    if not np.all(np.isfinite(joints.qd)):
+        raise RigError("the rig reports a joint rate that is not finite")
     joint = int(np.argmax(np.max(np.abs(q), axis=0)))
     largest = float(np.max(np.abs(q[:, joint])))
     if largest > JOINT_ANGLE_MAX:

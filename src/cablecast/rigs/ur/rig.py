@@ -358,7 +358,7 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, Joi
         off = np.inf
     if off == np.inf:
         raise RigError(
-            "the arm stands where its gripper cannot point down: bring it over the table by hand "
+            "the arm stands where its gripper cannot point down: bring it there by hand "
             "(freedrive), and start again"
         )
     if off > BRANCH_MAX:
