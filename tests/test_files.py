@@ -134,6 +134,7 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
         ("{" * 5000, "is not plain YAML"),
         ("cable:\n\tmass: 1\n", "is not plain YAML: line 2: it has a tab, indent with spaces"),
         ("[a]: 1", "a key in line 1 is no name"),
+        ("a: [1,\n", "is not plain YAML: line 2"),
         ("a: 9999-99-99", "is not plain YAML"),
     ],
     ids=lambda value: value[:16],

@@ -126,11 +126,10 @@ def parse_yaml(text: str, name: str) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError, RecursionError, TypeError) as error:
         reason = " ".join(str(error).split())[:200]
         if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
-            tab = (
-                "\t" in text.splitlines()[error.problem_mark.line : error.problem_mark.line + 1][0]
-            )
-            what = "it has a tab, indent with spaces" if tab else error.problem
-            reason = f"line {error.problem_mark.line + 1}: {what}"
+            line = error.problem_mark.line
+            has_tab = any("\t" in row for row in text.splitlines()[line : line + 1])
+            what = "it has a tab, indent with spaces" if has_tab else error.problem
+            reason = f"line {line + 1}: {what}"
         raise InputError(f"{name} is not plain YAML: {reason}") from None
     if not isinstance(values, dict):
         raise InputError(f"{name} must hold a mapping of names to values")
