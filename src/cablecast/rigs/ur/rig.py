@@ -119,8 +119,8 @@ class RigUR(RigLifecycle):
         self._use_reset()
         curve = self.curve(trajectory)
         check_path(curve, self.setup, "this cast")
-        check_ready(self._connected(), self.robot)
         if self._rehearsed < REHEARSAL_COUNT:
+            check_ready(self._connected(), self.robot)
             self._play("cablecast_rehearsal", curve.slowed(REHEARSAL_SLOWNESS), Phase.CAST)
             self._rehearsed += 1
             self.reset()
