@@ -1,5 +1,6 @@
 """Rigs made from names, factories and objects, and refusals of what is none."""
 
+import dataclasses
 import sys
 
 import pytest
@@ -15,6 +16,7 @@ MODULE = """
 import missing_library_of_a_rig
 """
 FACTORIES = """
+import dataclasses
 import sys
 
 from cablecast.errors import InputError
@@ -55,6 +57,18 @@ def takes_nothing():
 def of_an_earlier_version(cable, workspace, seed):
     return None
 """
+
+
+@pytest.mark.parametrize("version", [4, 5])
+def test_a_laboratory_has_the_scatter_of_its_version(version):
+    pytest.importorskip("mujoco")
+    from cablecast.rigs.virtual import VirtualConfig
+
+    with make_rig(f"virtual:{version}:3", Setup()) as rig:
+        described = rig.description["config"]
+    assert described == dataclasses.asdict(VirtualConfig(version=version, lab_seed=3)) | {
+        "without": []
+    }
 
 
 class Still(RigLifecycle):

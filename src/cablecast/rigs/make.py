@@ -1,7 +1,6 @@
 """make_rig: the rig of a name, a factory or an object, behind the checks of CheckedRig."""
 
 import contextlib
-import dataclasses
 import importlib
 import inspect
 import os
@@ -65,9 +64,9 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
         version, lab = laboratory.groups()
-        config = VirtualConfig(lab_seed=int(lab or 0))
-        if version is not None:
-            config = dataclasses.replace(config, version=int(version))
+        config = VirtualConfig(
+            version=int(version or VirtualConfig.version), lab_seed=int(lab or 0)
+        )
         return RigVirtual(setup, seed, config)
     if spec == "engine" or (isinstance(spec, str) and spec.startswith("engine:")):
         from cablecast.engines import make_engine
