@@ -9,8 +9,8 @@ import threading
 import pytest
 import warp as wp
 
-from cablecast.engines.warp_ import device
-from cablecast.engines.warp_.device import load, start_warp
+from cablecast.runs import kernels
+from cablecast.runs.kernels import load, start_warp
 
 # Long enough for a thread to get to the lock, and to go on if it is free [s].
 PATIENCE = 2.0
@@ -44,7 +44,7 @@ def test_a_kernel_that_another_process_compiles_is_waited_for():
 
 def test_a_kernel_is_loaded_where_no_lock_can_be_made(monkeypatch, tmp_path):
     start_warp()
-    monkeypatch.setattr(device, "_loaded", set())
+    monkeypatch.setattr(kernels, "_loaded", set())
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path / "nowhere"))
     load(count)
     assert count.module.execs

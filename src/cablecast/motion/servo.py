@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from cablecast.arm.base import Arm
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.motor import follow
 
 # Longest step of a motor with limits [s].
 _LIMIT_STEP = 0.002
@@ -109,20 +110,9 @@ def _limited(
     speed_max = min(speed_max, _NO_LIMIT)
     gain = min(acceleration_max, _NO_LIMIT) * step
     kept, gained = math.exp(-gain / speed_max), -speed_max * math.expm1(-gain / speed_max)
-    result = np.zeros_like(fine)
-    angle, speed = np.zeros(q.shape[:-1]), np.zeros(q.shape[:-1])
-    for tick, rate in enumerate(np.diff(fine, axis=0) / step):
-        # Exact for a set point that moves at this rate, about the motion that trails it steadily.
-        off, slip = angle - fine[tick] + lag * rate, speed - rate
-        free_angle = fine[tick + 1] - lag * rate + (cosine + brake) * off + sine * slip
-        free_speed = rate - frequency**2 * sine * off + (cosine - brake) * slip
-        up = np.minimum(speed + gain, kept * np.maximum(speed, 0.0) + gained)
-        down = np.maximum(speed - gain, kept * np.minimum(speed, 0.0) - gained)
-        reached = np.clip(free_speed, down, up)
-        angle = np.where(reached == free_speed, free_angle, angle + 0.5 * step * (speed + reached))
-        speed = reached
-        result[tick + 1] = angle
-    return np.moveaxis(result[::parts], 0, -1)
+    oscillator = (lag, cosine + brake, sine, frequency**2 * sine, cosine - brake)
+    moved = follow(fine.reshape(len(fine), -1), step, *oscillator, gain, kept, gained)
+    return np.moveaxis(moved[::parts].reshape(-1, *q.shape[:-1]), 0, -1)
 
 
 def _oscillator_filter(

@@ -1,39 +1,15 @@
-"""Warp's devices: start Warp quietly, find a device, and launch the kernel on all cores."""
+"""Warp's devices: find one, and launch the kernel on all cores."""
 
 import concurrent.futures
-import contextlib
-import functools
-import os
-import pathlib
-import threading
-from collections.abc import Iterator
-from typing import Any
 
 import warp as wp
 
 from cablecast.errors import InputError
+from cablecast.runs.kernels import load, start_warp
 
 CUDA_BLOCK = 32
 """Threads of a block on CUDA, each with one world: few, so that a small batch is spread over all
 multiprocessors. A large batch is as fast with 16 or 64."""
-
-
-@functools.cache
-def start_warp() -> None:
-    """Start Warp without its list of devices, and without its warning where there is no GPU.
-
-    The warning goes straight to the process's error stream, at any log level. Whoever asks for a
-    CUDA device that is not there gets an error of our own.
-    """
-    wp.config.log_level = wp.LOG_ERROR
-    saved, silent = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(silent, 2)
-        wp.init()
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(silent)
 
 
 def find_device(name: str):
@@ -47,47 +23,6 @@ def find_device(name: str):
         return wp.get_device(name)
     except Exception as error:
         raise InputError(f"device {name!r} is not available here: one of {known}") from error
-
-
-one_builder = threading.RLock()
-"""Lock of the thread that makes or loads a kernel: Python 3.11 may fail where two threads parse
-sources at a time ("AST constructor recursion depth mismatch")."""
-
-_loaded: set[Any] = set()
-"""Kernels that this process has loaded for the CPU."""
-
-
-def load(kernel: Any) -> None:
-    """Load a kernel for the CPU; of several processes one compiles it, and the others wait for it.
-
-    To compile the rollout takes a core ten seconds, which processes that start side by side, and
-    threads that launch it first, would each spend on the same file. It has a module of its own.
-    """
-    if kernel in _loaded:
-        return
-    with one_builder, _turn(kernel.module.name):
-        # Another thread may have loaded it meanwhile.
-        if kernel not in _loaded:
-            wp.load_module(kernel.module, device="cpu")
-            _loaded.add(kernel)
-
-
-@contextlib.contextmanager
-def _turn(name: str) -> Iterator[None]:
-    """Hold a lock in the folder of compiled kernels, where there are locks."""
-    handle = None
-    try:
-        # Whatever is wrong with the folder, Warp says it.
-        with contextlib.suppress(ImportError, OSError):
-            import fcntl
-
-            path = pathlib.Path(wp.config.kernel_cache_dir or "") / f"cablecast-{name}.lock"
-            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-            fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        if handle is not None:
-            os.close(handle)
 
 
 def launch(kernel, device, group_count: int, thread_count: int, inputs: list) -> None:

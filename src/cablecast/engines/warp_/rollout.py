@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from cablecast.engines.warp_.device import one_builder
 from cablecast.engines.warp_.elastic import curvature_functions
 from cablecast.engines.warp_.energy import STEPS_PER_CHECK, energy_functions
 from cablecast.engines.warp_.forces import force_functions
@@ -18,6 +17,7 @@ from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.step import step_functions
 from cablecast.engines.warp_.world import Features, world_structs
 from cablecast.files import core_count
+from cablecast.runs.kernels import one_builder
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
@@ -188,10 +188,11 @@ def _build_kernel(precision: str, lane_count: int, features: Features) -> Simple
 
 _COMPILE = """
 import json, sys
-from cablecast.engines.warp_.device import find_device, load
+from cablecast.engines.warp_.device import find_device
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU
 from cablecast.engines.warp_.rollout import rollout_kernel
 from cablecast.engines.warp_.world import Features
+from cablecast.runs.kernels import load
 find_device("cpu")
 wanted = Features(**json.loads(sys.argv[1]))
 load(rollout_kernel("single", LANE_COUNT_CPU["single"], wanted).kernel)

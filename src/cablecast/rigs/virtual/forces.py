@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from cablecast.cable import AIR_DENSITY, Cable
 from cablecast.conventions import GRAVITY
-from cablecast.engines.warp_.device import start_warp
 from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable
 from cablecast.rigs.virtual.scene import CableMotion
+from cablecast.runs.kernels import start_warp
 from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
