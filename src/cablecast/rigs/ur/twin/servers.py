@@ -28,7 +28,6 @@ from cablecast.rigs.ur.rtde import (
     SETUP_INPUTS,
     SETUP_OUTPUTS,
     START,
-    TYPES,
     FrameReader,
     Recipe,
     frame,
@@ -201,61 +200,21 @@ def _check_loopback(address: str) -> str:
     raise InputError(f"the twin listens on a loopback address such as 127.0.0.1, not on {address}")
 
 
-def _typed(**names: str) -> dict[str, str]:
-    """Return the type of each name; the keywords are types with the names of their variables."""
-    return {name: kind for kind, text in names.items() for name in text.split()}
-
-
-def _registers(what: str, kind: str) -> dict[str, str]:
-    return {f"{what}_{index}": kind for index in range(REGISTER_COUNT)}
+def _registers(what: str) -> dict[str, str]:
+    return {f"{what}_int_register_{index}": "INT32" for index in range(REGISTER_COUNT)}
 
 
 OUTPUTS = {
-    **_typed(
-        DOUBLE="timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum"
-        " actual_main_voltage actual_robot_voltage actual_robot_current standard_analog_input0"
-        " standard_analog_input1 standard_analog_output0 standard_analog_output1 payload",
-        VECTOR6D="target_q target_qd target_qdd target_current target_moment actual_q actual_qd"
-        " actual_current joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force"
-        " target_TCP_pose target_TCP_speed joint_temperatures actual_joint_voltage payload_inertia"
-        " ft_raw_wrench",
-        VECTOR3D="actual_tool_accelerometer payload_cog",
-        VECTOR6INT32="joint_mode",
-        UINT64="actual_digital_input_bits actual_digital_output_bits",
-        UINT32="runtime_state robot_status_bits safety_status_bits output_bit_registers0_to_31"
-        " output_bit_registers32_to_63",
-        INT32="robot_mode safety_mode safety_status",
-    ),
-    **_registers("output_int_register", "INT32"),
-    **_registers("output_double_register", "DOUBLE"),
+    **dict.fromkeys(("timestamp", "speed_scaling", "target_speed_fraction", "payload"), "DOUBLE"),
+    **dict.fromkeys(("target_q", "target_qd", "actual_q", "actual_qd"), "VECTOR6D"),
+    "payload_cog": "VECTOR3D",
+    **dict.fromkeys(("runtime_state", "robot_status_bits", "safety_status_bits"), "UINT32"),
+    **dict.fromkeys(("robot_mode", "safety_mode", "safety_status"), "INT32"),
+    **_registers("output"),
 }
-"""Types of what the controller can report."""
-INPUTS = {
-    **_typed(
-        UINT32="speed_slider_mask input_bit_registers0_to_31 input_bit_registers32_to_63",
-        UINT8="standard_digital_output_mask standard_digital_output tool_digital_output"
-        " configurable_digital_output_mask configurable_digital_output tool_digital_output_mask"
-        " standard_analog_output_mask standard_analog_output_type",
-        DOUBLE="speed_slider_fraction standard_analog_output_0 standard_analog_output_1",
-        VECTOR6D="external_force_torque",
-    ),
-    **{f"input_bit_register_{index}": "BOOL" for index in range(64, 128)},
-    **_registers("input_int_register", "INT32"),
-    **_registers("input_double_register", "DOUBLE"),
-}
+"""Types of what the controller can report: what the twin models, and nothing else."""
+INPUTS = _registers("input")
 """Types of what a client can write."""
-_UNCHANGING: dict[str, Any] = {
-    **{
-        name: [0.0] * int(TYPES[kind][0]) if kind.startswith("VECTOR") else 0
-        for name, kind in OUTPUTS.items()
-    },
-    "joint_mode": [255] * 6,
-    "joint_temperatures": [30.0] * 6,
-    "actual_main_voltage": 48.0,
-    "actual_robot_voltage": 48.0,
-    "actual_joint_voltage": [48.0] * 6,
-}
-"""Reports of what the twin does not model."""
 _SAFETY_BITS = {
     SAFETY_NORMAL: 1,
     SAFETY_PROTECTIVE: 1 << 2 | 1 << 10,
@@ -316,12 +275,8 @@ class RtdeServer:
             recipe: Recipe | None = client.state["inputs"].get(payload[0])
             if recipe is None:
                 raise ValueError("a data package of an unknown recipe")
-            values = recipe.unpack(payload[1:])
-            self.controller.inputs.update(values)
+            self.controller.inputs.update(recipe.unpack(payload[1:]))
             self.controller.inputs["written at"] = self.controller.time
-            if values.get("speed_slider_mask"):
-                fraction = float(values["speed_slider_fraction"])
-                self.controller.speed_slider = min(max(fraction, 0.0), 1.0)
             self.heard()
 
     def _set_outputs(self, client: Client, payload: bytes) -> None:
@@ -359,7 +314,6 @@ class RtdeServer:
         powered = c.robot_mode == MODE_RUNNING
         playing = c.is_running_program
         return {
-            **_UNCHANGING,
             "timestamp": c.time,
             "target_q": c.target_q.tolist(),
             "target_qd": c.target_qd.tolist(),
