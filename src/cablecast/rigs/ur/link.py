@@ -126,7 +126,6 @@ class UrLink:
         self.reports: collections.deque[Report] = collections.deque(maxlen=_REPORT_COUNT_MAX)
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
         self._alive_said = 0.0
-        self._dashboard: socket.socket | None = None
         self._sender: socket.socket | None = None
         with _reach(robot.address, RTDE_PORT, "RTDE") as connection:
             self.version = _read_version(connection, robot.address)
@@ -249,7 +248,7 @@ class UrLink:
         Raises:
             RigError: The controller does not take it.
         """
-        self._hang_up_sender()
+        self._hang_up()
         try:
             place = (self.robot.address, PROGRAM_PORT)
             connection = socket.create_connection(place, _CONNECT_TIME_MAX)
@@ -264,7 +263,7 @@ class UrLink:
             # Closed with something unread, it would take the program along.
             threading.Thread(target=_read_on, args=(connection,), daemon=True).start()
         except OSError as error:
-            self._hang_up_sender()
+            self._hang_up()
             raise RigError(
                 f"the controller at {self.robot.address} takes no program: {error}"
             ) from None
@@ -275,28 +274,21 @@ class UrLink:
         Raises:
             RigError: The dashboard does not answer in time.
         """
-        address, is_new = self.robot.address, self._dashboard is None
-        try:
-            if self._dashboard is None:
-                self._dashboard = _reach(address, DASHBOARD_PORT, "dashboard")
-                self._dashboard.settimeout(_ANSWER_TIME_MAX)
-                _read_line(self._dashboard)
-            self._dashboard.sendall(f"{question}\n".encode())
-            return _read_line(self._dashboard)
-        except OSError as error:
-            # An answer that comes too late belongs to no later question.
-            self._hang_up()
-            if not (is_new or isinstance(error, TimeoutError)):
-                # It has hung up, perhaps long ago.
-                return self.ask(question)
-            raise RigError(
-                f"the dashboard at {address} did not answer {question!r} within "
-                f"{_ANSWER_TIME_MAX:g} s ({error}): the controller is busy, or the network slow. "
-                "Wait until the pendant responds. The same command resumes"
-            ) from None
-        except BaseException:
-            self._hang_up()
-            raise
+        address = self.robot.address
+        # A connection for each: no answer that comes too late belongs to a later question.
+        with _reach(address, DASHBOARD_PORT, "dashboard") as connection:
+            connection.settimeout(_ANSWER_TIME_MAX)
+            try:
+                # It greets first.
+                _read_line(connection)
+                connection.sendall(f"{question}\n".encode())
+                return _read_line(connection)
+            except OSError as error:
+                raise RigError(
+                    f"the dashboard at {address} did not answer {question!r} within "
+                    f"{_ANSWER_TIME_MAX:g} s ({error}): the controller is busy, or the network "
+                    "slow. Wait until the pendant responds. The same command resumes"
+                ) from None
 
     def stop_program(self) -> None:
         """End whatever program runs; the arm brakes.
@@ -311,11 +303,6 @@ class UrLink:
             self.send_program("def cablecast_stop():\n  stopj(15)\nend\n")
 
     def _hang_up(self) -> None:
-        if self._dashboard is not None:
-            self._dashboard.close()
-            self._dashboard = None
-
-    def _hang_up_sender(self) -> None:
         if self._sender is not None:
             # What reads on holds it open otherwise.
             with contextlib.suppress(OSError):
@@ -327,7 +314,6 @@ class UrLink:
         """Let go of the controller; it may be called twice."""
         self.rest()
         self._hang_up()
-        self._hang_up_sender()
         with contextlib.suppress(OSError, ValueError):
             if self._process.stdin is not None:
                 self._process.stdin.close()
