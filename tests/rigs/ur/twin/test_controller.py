@@ -178,7 +178,7 @@ def test_the_dashboard_answers_as_the_makers_does(twin_setup, home):
     assert dashboard_answer(cb3, "is in remote control").startswith("could not understand")
     assert dashboard_answer(e_series, "is in remote control") == "true"
     cb3.protective_stop("test")
-    assert dashboard_answer(cb3, "safetystatus") == "Safetystatus: PROTECTIVE_STOP"
+    assert dashboard_answer(cb3, "safetymode") == "Safetymode: PROTECTIVE_STOP"
     cb3.emergency_stop()
     assert dashboard_answer(cb3, "robotmode") == "Robotmode: POWER_OFF"
 

@@ -405,20 +405,12 @@ def dashboard_answer(controller: Controller, line: str) -> str:
     """Return the dashboard's answer to one command, without line breaks."""
     command = line.strip().lower()
     major, minor, bugfix, build = controller.generation.version
-    running = controller.is_running_program
-    safety = _SAFETY_WORDS[controller.safety_mode]
+    powered = controller.robot_mode == MODE_RUNNING
     questions = {
-        "robotmode": "Robotmode: "
-        + ("RUNNING" if controller.robot_mode == MODE_RUNNING else "POWER_OFF"),
-        "safetymode": f"Safetymode: {safety}",
-        "safetystatus": f"Safetystatus: {safety}",
-        "running": f"Program running: {str(running).lower()}",
-        "programstate": f"{'PLAYING' if running else 'STOPPED'} "
-        f"{controller.program_name or '<unnamed>'}",
+        "robotmode": f"Robotmode: {'RUNNING' if powered else 'POWER_OFF'}",
+        "safetymode": f"Safetymode: {_SAFETY_WORDS[controller.safety_mode]}",
+        "running": f"Program running: {str(controller.is_running_program).lower()}",
         "polyscopeversion": f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2022)",
-        "get robot model": controller.setup.arm.model.removesuffix("e").upper(),
-        "get serial number": "20260000000",
-        "quit": "Disconnected",
     }
     if controller.generation.has_remote_control:
         questions["is in remote control"] = str(controller.is_in_remote_control).lower()
