@@ -152,10 +152,10 @@ def test_the_controller_itself_stops_a_path_that_is_too_fast(
     assert re.search(words, stops[0]["why"])
 
 
-def test_a_program_that_does_not_compile_is_refused_in_the_log(controller):
+def test_a_program_that_does_not_compile_is_refused_with_its_reason(controller):
     controller.load("def cast():\n  what is this\nend\n")
     assert not controller.is_running_program
-    assert "is no statement" in controller.messages[-1]
+    assert "is no statement" in controller.events[-1]["reason"]
 
 
 def test_a_program_beyond_the_controllers_size_does_nothing(controller, points, twin_setup):
@@ -163,7 +163,6 @@ def test_a_program_beyond_the_controllers_size_does_nothing(controller, points, 
     controller.program_size_max = len(text) - 1
     controller.load(text)
     assert not controller.is_running_program
-    assert not controller.messages
     assert controller.events[-1]["reason"] == f"{len(text)} bytes"
     controller.program_size_max = len(text)
     controller.load(text)

@@ -112,7 +112,6 @@ MODE_POWER_OFF, MODE_RUNNING = 3, 7
 SAFETY_NORMAL, SAFETY_PROTECTIVE, SAFETY_EMERGENCY = 1, 3, 7
 _START_TIMESTAMP = 1000.0
 _EVENT_COUNT = 10_000
-_MESSAGE_COUNT = 200
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,7 +174,6 @@ class Controller:
         self.limits = TwinLimits(setup, self.dt)
         self.inputs: dict[str, Any] = collections.defaultdict(int)
         self.events: collections.deque[dict[str, Any]] = collections.deque(maxlen=_EVENT_COUNT)
-        self.messages: collections.deque[str] = collections.deque(maxlen=_MESSAGE_COUNT)
         self.payload = robot.payload_mass
         self.payload_cog = list(robot.payload_cog)
         # Functions of URScript that take time. Each returns a function that carries it out, one
@@ -237,7 +235,6 @@ class Controller:
             program = Program(text)
             running = _Running(program.name, program.run(self._instant(), set(self._timed)))
         except ScriptError as error:
-            self.messages.append(str(error))
             self.log("program refused", reason=str(error))
             return
         self.stop_program("replaced by another")
@@ -299,7 +296,6 @@ class Controller:
         except StopIteration:
             self.stop_program("its end")
         except _PROGRAM_ERRORS as error:
-            self.messages.append(str(error))
             self.stop_program(f"error: {error}")
 
     def _servoj(
