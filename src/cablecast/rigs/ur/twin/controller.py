@@ -174,8 +174,6 @@ class Controller:
         self.limits = TwinLimits(setup, self.dt)
         self.inputs: dict[str, Any] = collections.defaultdict(int)
         self.events: collections.deque[dict[str, Any]] = collections.deque(maxlen=_EVENT_COUNT)
-        self.payload = robot.payload_mass
-        self.payload_cog = list(robot.payload_cog)
         # Functions of URScript that take time. Each returns a function that carries it out, one
         # control cycle a call, and that returns True, having done nothing, once it is over.
         self._timed = {"servoj": self._servoj, "stopj": self._stopj}
@@ -183,17 +181,14 @@ class Controller:
         self.boot()
 
     def boot(self) -> None:
-        """Start up: at rest, without a program."""
-        self.robot_mode, self.safety_mode = MODE_RUNNING, SAFETY_NORMAL
-        self.speed_slider = 1.0
-        self.is_in_remote_control = True
+        """Start up: at rest, without a program, and as after `clear`."""
         self._running: _Running | None = None
         self.target_q = self.arm.q.copy()
         self.target_qd = np.zeros(6)
         self.arm.freeze()
-        self.limits.forget()
         self.int_registers = [0] * REGISTER_COUNT
         self.inputs.clear()
+        self.clear()
 
     @property
     def is_running_program(self) -> bool:

@@ -395,7 +395,8 @@ class TwinLaboratory:
             self.cable.grip_anew()
         if self.controller.robot_mode == MODE_POWER_OFF:
             self._power_up()
-        self.controller.clear()
+        else:
+            self.controller.clear()
 
     def _truth(self, since: float, until: float) -> dict[str, Any]:
         """Return the true way of the endpoint, and the speed of the fastest joint."""
@@ -422,7 +423,6 @@ class TwinLaboratory:
         controller = self.controller
         if self._restart_at is not None and controller.time >= self._restart_at:
             self._power_up()
-            controller.clear()
         phase = self.phase
         if phase != self._phase[0]:
             self._phase = (phase, controller.time)

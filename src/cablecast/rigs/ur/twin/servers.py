@@ -328,7 +328,7 @@ class RtdeServer:
             "robot_status_bits": int(powered) | int(playing) << 1,
             "safety_status_bits": _SAFETY_BITS[c.safety_mode],
             "payload": c.payload,
-            "payload_cog": c.payload_cog,
+            "payload_cog": c.robot.payload_cog,
             **{f"output_int_register_{i}": value for i, value in enumerate(c.int_registers)},
         }
 
