@@ -117,7 +117,7 @@ class RigUR(RigLifecycle):
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Play one motion, wait until the cable lies still, and return what was seen."""
         self._use_reset()
-        curve = self.curve(trajectory)
+        curve = curve_of(trajectory)
         check_path(curve, self.setup, "this cast")
         if self._rehearsed < REHEARSAL_COUNT:
             check_ready(self._connected(), self.robot)
@@ -181,17 +181,6 @@ class RigUR(RigLifecycle):
                     link.close()
         finally:
             self.camera.close()
-
-    def curve(self, trajectory: Trajectory) -> JointCurve:
-        """Return the path of a motion as it is sent.
-
-        Raises:
-            RigError: It has no joints.
-        """
-        path = trajectory.joint_path
-        if path is None:
-            raise RigError("a real arm needs the joints of a motion, and this one has none")
-        return JointCurve.fit(path)
 
     def _connected(self) -> UrLink:
         """Return the connection, made anew where it was lost."""
@@ -337,6 +326,17 @@ def check_lab(setup: Setup) -> RobotConfig:
     return setup.robot
 
 
+def curve_of(trajectory: Trajectory) -> JointCurve:
+    """Return the path of a motion as it is sent.
+
+    Raises:
+        RigError: It has no joints.
+    """
+    if trajectory.joint_path is None:
+        raise RigError("a real arm needs the joints of a motion, and this one has none")
+    return JointCurve.fit(trajectory.joint_path)
+
+
 def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, JointCurve]:
     """Return the way to the start of the paper's reset, and that reset, both checked.
 
@@ -355,30 +355,25 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, Joi
     try:
         off = float(np.abs(setup.arm.inverse(pose) - q).max())
     except CablecastError:
-        off = np.inf
-    if off == np.inf:
         raise RigError(
             "the arm stands where its gripper cannot point down: bring it there by hand "
             "(freedrive), and start again"
-        )
+        ) from None
     if off > BRANCH_MAX:
         raise RigError(
             f"the arm stands {off:.2f} rad from where its gripper would point down with its elbow "
             "up: bring it there by hand (freedrive), and start again"
         )
-    path = None
+    reset = None
     if off <= _LEVEL_TOLERANCE:
         # It may have been stopped where no reset can begin.
         with contextlib.suppress(CablecastError):
-            path = plan_reset(pose, slow).joint_path
-    if path is None:
+            reset = curve_of(plan_reset(pose, slow))
+    if reset is None:
         # From a place above the table one can.
         pose = np.array(reset_pose(setup.workspace), dtype=float)
         pose[2] += _SAFE_HEIGHT
-        path = plan_reset(pose, slow).joint_path
-    if path is None:
-        raise RigError("the reset has no joints")
-    reset = JointCurve.fit(path)
+        reset = curve_of(plan_reset(pose, slow))
     way = joint_move(q, reset.q[0], APPROACH_SPEED)
     check_path(way, setup, "the way to the start")
     check_path(reset, setup, "the reset")
