@@ -154,33 +154,28 @@ class RigUR(RigLifecycle):
     def picture(self) -> NDArray[np.uint8] | None:
         """Return the latest picture of the camera, BGR; None where it keeps none."""
         # A camera need not keep its pictures: the protocol does not ask for it.
-        camera: Any = self.camera
-        return camera.picture() if hasattr(camera, "picture") else None
+        return getattr(self.camera, "picture", lambda: None)()
 
     def sight(self) -> CameraSight | None:
         """Return what the camera cannot see; None where it does not say."""
-        camera: Any = self.camera
-        return camera.sight() if hasattr(camera, "sight") else None
+        return getattr(self.camera, "sight", lambda: None)()
 
     def close(self) -> None:
         """Stop the arm, and let go of controller and camera."""
         if self._closed:
             return
         super().close()
-        try:
-            if self._link is not None:
-                link, self._link = self._link, None
-                try:
-                    newest = link.reports[-1] if link.is_alive else None
-                    # A program that is not ours goes on.
-                    if newest is not None and newest.is_playing and newest.state in UNDER_WAY:
-                        Player(link, self.robot).stop()
-                    with contextlib.suppress(RigError):
-                        link.set_phase(Phase.IDLE)
-                finally:
-                    link.close()
-        finally:
-            self.camera.close()
+        link, self._link = self._link, None
+        with contextlib.closing(self.camera):
+            if link is None:
+                return
+            with contextlib.closing(link):
+                newest = link.reports[-1] if link.is_alive else None
+                # A program that is not ours goes on.
+                if newest is not None and newest.is_playing and newest.state in UNDER_WAY:
+                    Player(link, self.robot).stop()
+                with contextlib.suppress(RigError):
+                    link.set_phase(Phase.IDLE)
 
     def _connected(self) -> UrLink:
         """Return the connection, made anew where it was lost."""
@@ -219,8 +214,7 @@ class RigUR(RigLifecycle):
         link.set_phase(Phase.SETTLE)
         end = record.start_time + curve.duration + self.robot.settle_time
         tail = record.start_time + curve.duration + _JOINT_TAIL
-        while link.latest().time < end:
-            time.sleep(0.005)
+        self._wait(link, end - link.latest().time)
         check_report(link.wait_for_report(), self.robot)
         reports = link.since(record.start_time)
         for report in reports:
@@ -387,8 +381,7 @@ def check_reports(record: MotionRecord, curve: JointCurve) -> None:
         CastAbortedError: No report came for longer than `REPORT_GAP_MAX`.
     """
     start, end = record.start_time, record.start_time + curve.duration
-    times = np.array([r.time for r in record.reports])
-    times = np.clip(np.concatenate([[start], times, [end]]), start, end)
+    times = np.clip([start, *(r.time for r in record.reports), end], start, end)
     gap = float(np.diff(times).max())
     if gap > REPORT_GAP_MAX:
         raise CastAbortedError(
@@ -410,10 +403,6 @@ def make_ur_rig(setup: Setup) -> RigUR:
     """
     from cablecast.vision.trials import CameraOfTrials
 
+    # A lab file that is refused leaves the camera alone.
     check_lab(setup)
-    camera = CameraOfTrials(setup)
-    try:
-        return RigUR(setup, camera)
-    except BaseException:
-        camera.close()
-        raise
+    return RigUR(setup, CameraOfTrials(setup))
