@@ -281,31 +281,22 @@ class RtdeServer:
 
     def _set_outputs(self, client: Client, payload: bytes) -> None:
         (frequency,) = struct.unpack_from(">d", payload)
-        names = _names(payload[8:])
-        types = tuple(OUTPUTS.get(name, "NOT_FOUND") for name in names)
-        recipe = Recipe(1, names, types)
-        client.state["outputs"] = recipe if recipe.is_valid else None
         rate = 1.0 / self.controller.dt
         client.state["every"] = max(1, round(rate / min(max(frequency, 1.0), rate)))
-        client.send(frame(SETUP_OUTPUTS, bytes([recipe.number]) + ",".join(types).encode()))
+        client.state["outputs"] = _set_up(client, SETUP_OUTPUTS, payload[8:], 1, OUTPUTS)
 
     def _set_inputs(self, client: Client, payload: bytes, others: list[Client]) -> None:
-        names = _names(payload)
         taken = {
-            name
+            name: "IN_USE"
             for other in others
             if other is not client
             for recipe in other.state["inputs"].values()
             for name in recipe.names
         }
-        types = tuple(
-            "IN_USE" if name in taken else INPUTS.get(name, "NOT_FOUND") for name in names
-        )
-        recipe = Recipe(len(client.state["inputs"]) + 1, names, types)
-        number = recipe.number if recipe.is_valid else 0
-        if recipe.is_valid:
-            client.state["inputs"][recipe.number] = recipe
-        client.send(frame(SETUP_INPUTS, bytes([number]) + ",".join(types).encode()))
+        inputs = client.state["inputs"]
+        recipe = _set_up(client, SETUP_INPUTS, payload, len(inputs) + 1, INPUTS | taken)
+        if recipe is not None:
+            inputs[recipe.number] = recipe
 
     def state(self) -> dict[str, Any]:
         """Return the value of every output, with the noise of the encoders."""
@@ -360,9 +351,16 @@ class RtdeServer:
                 client.send(data)
 
 
-def _names(text: bytes) -> tuple[str, ...]:
-    """Return the names of a recipe; ur-rtde sends a comma after the last."""
-    return tuple(name for name in text.decode("ascii").split(",") if name)
+def _set_up(
+    client: Client, kind: int, names: bytes, number: int, types: dict[str, str]
+) -> Recipe | None:
+    """Tell a client the types of what it names, and return the recipe if it may have all of it."""
+    # ur-rtde sends a comma after the last.
+    asked = tuple(name for name in names.decode("ascii").split(",") if name)
+    recipe = Recipe(number, asked, tuple(types.get(name, "NOT_FOUND") for name in asked))
+    number = number if recipe.is_valid else 0
+    client.send(frame(kind, bytes([number]) + ",".join(recipe.types).encode()))
+    return recipe if recipe.is_valid else None
 
 
 _ROBOT_STATE, _ROBOT_MESSAGE, _VERSION_MESSAGE, _MODE_DATA = 16, 20, 3, 0
