@@ -10,6 +10,7 @@ frame begins with its length, header included, and its type; all numbers are big
 import collections
 import contextlib
 import ipaddress
+import os
 import selectors
 import socket
 import struct
@@ -108,17 +109,13 @@ class Servers:
         """Open a server's port, unless it is open."""
         if name in self._listening:
             return
-        server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            server.bind((self.address, self._ports[name]))
+            server = socket.create_server((self.address, self._ports[name]))
         except OSError as error:
-            server.close()
             raise InputError(
-                f"port {self._ports[name]} of {self.address} is not free ({error.strerror}): is "
-                "another twin running?"
+                f"port {self._ports[name]} of {self.address} is not free "
+                f"({os.strerror(error.errno or 0)}): is another twin running?"
             ) from None
-        server.listen()
         server.setblocking(False)
         self._listening[name] = server
         self._selector.register(server, selectors.EVENT_READ, name)
