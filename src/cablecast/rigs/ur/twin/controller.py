@@ -294,15 +294,8 @@ class Controller:
             self.stop_program(f"error: {error}")
 
     def _servoj(
-        self,
-        q: Any,
-        a: float = 0.0,
-        v: float = 0.0,
-        t: float = 0.002,
-        lookahead_time: float = 0.1,
-        gain: float = 300,
+        self, q: Any, *, t: float, lookahead_time: float, gain: float
     ) -> Callable[[], bool]:
-        del a, v
         if not (0.03 <= lookahead_time <= 0.2 and 100 <= gain <= 2000):
             raise ScriptError(f"servoj lookahead_time {lookahead_time} or gain {gain} out of range")
         target, start, progress = np.array(q, dtype=float), self.target_q.copy(), 0.0
