@@ -72,24 +72,21 @@ class TwinLimits:
         """
         if q.shape != (6,) or not np.all(np.isfinite(q)):
             return "a set point is not six finite angles"
-        joint = int(np.argmax(np.abs(q)))
-        if abs(q[joint]) > _POSITION_MAX:
-            return f"{JOINT_NAMES[joint]} at {q[joint]:.3f} rad is beyond its limit of position"
         count = self._window
         self._past = [*self._past, q.copy()][-2 * count - 1 :]
-        if len(self._past) > count:
-            rate = (q - self._past[-1 - count]) / (count * self.dt)
-            joint = int(np.argmax(np.abs(rate) / self._speed_max))
-            if abs(rate[joint]) > self._speed_max[joint]:
-                return f"{JOINT_NAMES[joint]} at {rate[joint]:.2f} rad/s is beyond its speed"
-        if len(self._past) > 2 * count:
-            before = (self._past[-1 - count] - self._past[0]) / (count * self.dt)
-            change = (rate - before) / (count * self.dt)
-            joint = int(np.argmax(np.abs(change)))
-            if abs(change[joint]) > _ACCELERATION_MAX:
-                return (
-                    f"{JOINT_NAMES[joint]} at {change[joint]:.0f} rad/s2 is beyond its acceleration"
-                )
+        # The newest first; shorter by one with each difference, and empty after a start.
+        places = np.array(self._past[::-count])
+        rates = -np.diff(places, axis=0) / (count * self.dt)
+        changes = -np.diff(rates, axis=0) / (count * self.dt)
+        for values, bound, words in (
+            (places, _POSITION_MAX, "{:.3f} rad is beyond its limit of position"),
+            (rates, self._speed_max, "{:.2f} rad/s is beyond its speed"),
+            (changes, _ACCELERATION_MAX, "{:.0f} rad/s2 is beyond its acceleration"),
+        ):
+            for value in values[:1]:
+                joint = int(np.argmax(np.abs(value) / bound))
+                if np.any(np.abs(value) > bound):
+                    return f"{JOINT_NAMES[joint]} at {words.format(value[joint])}"
         return self._outside(q)
 
     def _outside(self, q: NDArray[np.float64]) -> str | None:
