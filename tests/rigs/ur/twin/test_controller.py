@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.motion.polar import reset_pose
 from cablecast.rigs.ur.program import JointCurve, ProgramState, joint_move, motion_program
 from cablecast.rigs.ur.rtde import BEAT, STATE, STOP, TICK, FrameReader, Recipe, frame
 from cablecast.rigs.ur.twin.controller import Controller
@@ -15,11 +14,6 @@ from cablecast.rigs.ur.twin.servers import OUTPUTS, RtdeServer, dashboard_answer
 SETTLE_TIME = 1.0
 # The arm must rest this soon after anything that stops it [s].
 REST_TIME_MAX = 0.5
-
-
-@pytest.fixture
-def home(twin_setup):
-    return twin_setup.arm.inverse(np.asarray(reset_pose(twin_setup.workspace), dtype=float))
 
 
 @pytest.fixture(params=["cb3", "e-series"])
