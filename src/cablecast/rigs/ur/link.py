@@ -276,13 +276,19 @@ class UrLink:
         """
         address = self.robot.address
         # A connection for each: no answer that comes too late belongs to a later question.
-        with _reach(address, DASHBOARD_PORT, "dashboard") as connection:
+        with (
+            _reach(address, DASHBOARD_PORT, "dashboard") as connection,
+            connection.makefile("rb") as stream,
+        ):
             connection.settimeout(_ANSWER_TIME_MAX)
             try:
                 # It greets first.
-                _read_line(connection)
+                stream.readline()
                 connection.sendall(f"{question}\n".encode())
-                return _read_line(connection)
+                answer = stream.readline()
+                if not answer.endswith(b"\n"):
+                    raise OSError("it hung up")
+                return answer.decode("utf-8", "replace").strip()
             except OSError as error:
                 raise RigError(
                     f"the dashboard at {address} did not answer {question!r} within "
@@ -370,17 +376,6 @@ def _read_on(connection: socket.socket) -> None:
         connection.settimeout(None)
         while connection.recv(1 << 16):
             pass
-
-
-def _read_line(connection: socket.socket) -> str:
-    """Return the next line of the dashboard, which says nothing unasked."""
-    line = b""
-    while not line.endswith(b"\n"):
-        data = connection.recv(1024)
-        if not data:
-            raise OSError("it hung up")
-        line += data
-    return line.decode("utf-8", "replace").strip()
 
 
 def _read_version(connection: socket.socket, address: str) -> Version:
