@@ -262,11 +262,8 @@ class RigUR(RigLifecycle):
             way = joint_move(q, seen, TURN_SPEED)
             try:
                 check_path(way, self.setup, "the turn of the jaws")
-            except JointLimitError:
-                return False
-            try:
                 self._play("cablecast_look", way, Phase.READOUT)
-            except CastAbortedError:
+            except (JointLimitError, CastAbortedError):
                 # The cast was made, and is kept.
                 return False
             q = self._at_rest(link)
