@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from typing import Any
+from typing import Any, TextIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,6 +141,9 @@ class UrLink:
             # Ctrl-C is for the one who drives the arm, who still needs the connection to stop it.
             start_new_session=True,
         )
+        # Pipes are there, for they were asked for.
+        self._stdin = cast(TextIO, self._process.stdin)
+        self._stdout = cast(TextIO, self._process.stdout)
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         try:
@@ -321,24 +324,19 @@ class UrLink:
         self.rest()
         self._hang_up()
         with contextlib.suppress(OSError, ValueError):
-            if self._process.stdin is not None:
-                self._process.stdin.close()
+            self._stdin.close()
         try:
             self._process.wait(2.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
         self._reader.join(2.0)
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        self._stdout.close()
 
     def _tell(self, **command: Any) -> None:
         try:
-            stream = self._process.stdin
-            if stream is None:
-                raise OSError("no stream")
-            stream.write(json.dumps(command) + "\n")
-            stream.flush()
+            self._stdin.write(json.dumps(command) + "\n")
+            self._stdin.flush()
         except (OSError, ValueError):
             raise RigError(
                 f"the connection to the controller at {self.robot.address} broke: look whether it "
@@ -347,10 +345,9 @@ class UrLink:
 
     def _read(self) -> None:
         """Sort what the process says."""
-        stream = self._process.stdout
         # A process that is killed may leave half a line.
         with contextlib.suppress(json.JSONDecodeError):
-            for line in stream or ():
+            for line in self._stdout:
                 values = json.loads(line)
                 if "report" in values:
                     self.reports.append(Report(*values["report"]))
