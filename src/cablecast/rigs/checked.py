@@ -538,10 +538,10 @@ def _offsets(joints: JointPath, command: JointPath) -> NDArray[np.float64]:
 
 
 _GRACE_MIN, _GRACE_MAX = 0.5, 10.0
-# Timers take no longer ones [s].
-_LIMIT_MAX = 1e8
 """Shortest and longest time from one interruption to the next [s]: the code that was interrupted
 may first stop an arm and close its connections."""
+_LIMIT_MAX = 1e8
+"""Timers take no longer ones [s]."""
 
 
 class _TimeIsUp(BaseException):

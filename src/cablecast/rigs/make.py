@@ -58,7 +58,7 @@ def make_rig(
 
 
 def _make(spec: Any, setup: Setup, seed: int) -> Rig:
-    """Return the rig itself."""
+    """Return the rig itself, or what `CheckedRig` refuses as none."""
     laboratory = _LABORATORY.fullmatch(spec) if isinstance(spec, str) else None
     if laboratory is not None:
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
@@ -84,12 +84,10 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
             raise RigError(f"unknown rig {spec[:80]!r}: one of {names}, or package.module:factory")
         with _working_directory_importable():
             return _from_factory(_find_factory(module_name, factory_name), spec, setup, seed)
-    if not missing_parts(spec):
-        return spec
-    if callable(spec):
+    if missing_parts(spec) and callable(spec):
         name = getattr(spec, "__qualname__", type(spec).__name__)
         return _from_factory(spec, name, setup, seed)
-    raise RigError(f"a {type(spec).__name__} is no rig: it lacks {', '.join(missing_parts(spec))}")
+    return spec
 
 
 def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: int) -> Rig:

@@ -125,7 +125,7 @@ def test_a_program_that_hangs_is_ended_with_and_without_a_dashboard(twin):
 
 @pytest.mark.parametrize("version", [(7, 1, 0, 0), (4, 9, 9, 9)])
 def test_a_controller_of_an_unknown_version_is_refused_in_one_line(
-    twin_address, version, monkeypatch
+    twin_address, twin_setup, version, monkeypatch
 ):
     server = socket.create_server((twin_address(), 0))
     address, port = server.getsockname()
@@ -139,7 +139,7 @@ def test_a_controller_of_an_unknown_version_is_refused_in_one_line(
 
     thread = threading.Thread(target=answer)
     thread.start()
-    config = dataclasses.replace(_robot(), address=address)
+    config = dataclasses.replace(twin_setup.robot, address=address)
     number = ".".join(map(str, version[:3]))
     with pytest.raises(RigError, match=f"runs version {number}, and cablecast knows 3") as error:
         UrLink(config)
@@ -173,18 +173,6 @@ def test_a_program_reaches_a_controller_that_speaks_first(twin, monkeypatch):
     link.close()
     server.close()
     assert b"".join(got).decode() == text
-
-
-def _robot():
-    from cablecast.arm.robot import RobotConfig
-
-    return RobotConfig(
-        address="127.0.0.1",
-        payload_mass=0.95,
-        payload_cog=(0.0, 0.0, 0.06),
-        box_low=(-2.0, -2.0, -2.0),
-        box_high=(2.0, 2.0, 2.0),
-    )
 
 
 def test_only_a_controller_that_is_too_old_is_not_asked_for_its_payload():

@@ -23,7 +23,7 @@ from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.ur.link import Phase, Report, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, MotionRecord
 from cablecast.rigs.ur.program import JointCurve, check_path, joint_move
-from cablecast.rigs.ur.rig import APPROACH_SPEED, RigUR, check_reports
+from cablecast.rigs.ur.rig import APPROACH_SPEED, RigUR, check_reports, curve_of
 
 # As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
 RATE = 6.0
@@ -289,9 +289,7 @@ def test_a_rig_without_robot_or_with_an_arm_that_nobody_measured_is_refused(twin
 
 
 def test_a_motion_without_joints_is_refused(twin, wild):
-    setup = twin[1]
-    rig = RigUR(setup, TruthCamera(setup))
     with pytest.raises(RigError, match="needs the joints"):
-        rig.curve(wild)
-    trajectory = plan_trajectory(Action(-0.4, 0.3, 0.62), setup)
-    assert rig.curve(trajectory).duration == trajectory.joint_path.times[-1]
+        curve_of(wild)
+    trajectory = plan_trajectory(Action(-0.4, 0.3, 0.62), twin[1])
+    assert curve_of(trajectory).duration == trajectory.joint_path.times[-1]

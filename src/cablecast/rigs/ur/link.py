@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from typing import Any
+from typing import Any, TextIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +126,6 @@ class UrLink:
         self.reports: collections.deque[Report] = collections.deque(maxlen=_REPORT_COUNT_MAX)
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
         self._alive_said = 0.0
-        self._dashboard: socket.socket | None = None
         self._sender: socket.socket | None = None
         with _reach(robot.address, RTDE_PORT, "RTDE") as connection:
             self.version = _read_version(connection, robot.address)
@@ -142,6 +141,9 @@ class UrLink:
             # Ctrl-C is for the one who drives the arm, who still needs the connection to stop it.
             start_new_session=True,
         )
+        # Pipes are there, for they were asked for.
+        self._stdin = cast(TextIO, self._process.stdin)
+        self._stdout = cast(TextIO, self._process.stdout)
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         try:
@@ -249,7 +251,7 @@ class UrLink:
         Raises:
             RigError: The controller does not take it.
         """
-        self._hang_up_sender()
+        self._hang_up()
         try:
             place = (self.robot.address, PROGRAM_PORT)
             connection = socket.create_connection(place, _CONNECT_TIME_MAX)
@@ -264,7 +266,7 @@ class UrLink:
             # Closed with something unread, it would take the program along.
             threading.Thread(target=_read_on, args=(connection,), daemon=True).start()
         except OSError as error:
-            self._hang_up_sender()
+            self._hang_up()
             raise RigError(
                 f"the controller at {self.robot.address} takes no program: {error}"
             ) from None
@@ -275,28 +277,27 @@ class UrLink:
         Raises:
             RigError: The dashboard does not answer in time.
         """
-        address, is_new = self.robot.address, self._dashboard is None
-        try:
-            if self._dashboard is None:
-                self._dashboard = _reach(address, DASHBOARD_PORT, "dashboard")
-                self._dashboard.settimeout(_ANSWER_TIME_MAX)
-                _read_line(self._dashboard)
-            self._dashboard.sendall(f"{question}\n".encode())
-            return _read_line(self._dashboard)
-        except OSError as error:
-            # An answer that comes too late belongs to no later question.
-            self._hang_up()
-            if not (is_new or isinstance(error, TimeoutError)):
-                # It has hung up, perhaps long ago.
-                return self.ask(question)
-            raise RigError(
-                f"the dashboard at {address} did not answer {question!r} within "
-                f"{_ANSWER_TIME_MAX:g} s ({error}): the controller is busy, or the network slow. "
-                "Wait until the pendant responds. The same command resumes"
-            ) from None
-        except BaseException:
-            self._hang_up()
-            raise
+        address = self.robot.address
+        # A connection for each: no answer that comes too late belongs to a later question.
+        with (
+            _reach(address, DASHBOARD_PORT, "dashboard") as connection,
+            connection.makefile("rb") as stream,
+        ):
+            connection.settimeout(_ANSWER_TIME_MAX)
+            try:
+                # It greets first.
+                stream.readline()
+                connection.sendall(f"{question}\n".encode())
+                answer = stream.readline()
+                if not answer.endswith(b"\n"):
+                    raise OSError("it hung up")
+                return answer.decode("utf-8", "replace").strip()
+            except OSError as error:
+                raise RigError(
+                    f"the dashboard at {address} did not answer {question!r} within "
+                    f"{_ANSWER_TIME_MAX:g} s ({error}): the controller is busy, or the network "
+                    "slow. Wait until the pendant responds. The same command resumes"
+                ) from None
 
     def stop_program(self) -> None:
         """End whatever program runs; the arm brakes.
@@ -311,11 +312,6 @@ class UrLink:
             self.send_program("def cablecast_stop():\n  stopj(15)\nend\n")
 
     def _hang_up(self) -> None:
-        if self._dashboard is not None:
-            self._dashboard.close()
-            self._dashboard = None
-
-    def _hang_up_sender(self) -> None:
         if self._sender is not None:
             # What reads on holds it open otherwise.
             with contextlib.suppress(OSError):
@@ -327,26 +323,20 @@ class UrLink:
         """Let go of the controller; it may be called twice."""
         self.rest()
         self._hang_up()
-        self._hang_up_sender()
         with contextlib.suppress(OSError, ValueError):
-            if self._process.stdin is not None:
-                self._process.stdin.close()
+            self._stdin.close()
         try:
             self._process.wait(2.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
         self._reader.join(2.0)
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        self._stdout.close()
 
     def _tell(self, **command: Any) -> None:
         try:
-            stream = self._process.stdin
-            if stream is None:
-                raise OSError("no stream")
-            stream.write(json.dumps(command) + "\n")
-            stream.flush()
+            self._stdin.write(json.dumps(command) + "\n")
+            self._stdin.flush()
         except (OSError, ValueError):
             raise RigError(
                 f"the connection to the controller at {self.robot.address} broke: look whether it "
@@ -355,10 +345,9 @@ class UrLink:
 
     def _read(self) -> None:
         """Sort what the process says."""
-        stream = self._process.stdout
         # A process that is killed may leave half a line.
         with contextlib.suppress(json.JSONDecodeError):
-            for line in stream or ():
+            for line in self._stdout:
                 values = json.loads(line)
                 if "report" in values:
                     self.reports.append(Report(*values["report"]))
@@ -384,17 +373,6 @@ def _read_on(connection: socket.socket) -> None:
         connection.settimeout(None)
         while connection.recv(1 << 16):
             pass
-
-
-def _read_line(connection: socket.socket) -> str:
-    """Return the next line of the dashboard, which says nothing unasked."""
-    line = b""
-    while not line.endswith(b"\n"):
-        data = connection.recv(1024)
-        if not data:
-            raise OSError("it hung up")
-        line += data
-    return line.decode("utf-8", "replace").strip()
 
 
 def _read_version(connection: socket.socket, address: str) -> Version:

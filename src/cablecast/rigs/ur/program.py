@@ -166,8 +166,7 @@ def check_path(curve: JointCurve, setup: Setup, what: str) -> None:
     q = curve.evaluate(np.arange(round(curve.duration / _CHECK_DT) + 1) * _CHECK_DT)
     position, middle = np.array(limits.position) - robot.position_margin, np.array(limits.middle)
     qd = np.diff(q, axis=0) / _CHECK_DT
-    padded = np.concatenate([np.zeros((1, 6)), qd, np.zeros((1, 6))])
-    qdd = np.diff(padded, axis=0) / _CHECK_DT
+    qdd = np.diff(qd, axis=0, prepend=0.0, append=0.0) / _CHECK_DT
     for values, bound, name, unit in (
         (q - middle, position, "off the middle of its range by" if middle.any() else "at", "rad"),
         (qd, np.array(limits.velocity) * _LIMIT_TOLERANCE, "turning at", "rad/s"),

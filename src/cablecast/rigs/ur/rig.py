@@ -117,7 +117,7 @@ class RigUR(RigLifecycle):
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Play one motion, wait until the cable lies still, and return what was seen."""
         self._use_reset()
-        curve = self.curve(trajectory)
+        curve = curve_of(trajectory)
         check_path(curve, self.setup, "this cast")
         if self._rehearsed < REHEARSAL_COUNT:
             check_ready(self._connected(), self.robot)
@@ -154,44 +154,28 @@ class RigUR(RigLifecycle):
     def picture(self) -> NDArray[np.uint8] | None:
         """Return the latest picture of the camera, BGR; None where it keeps none."""
         # A camera need not keep its pictures: the protocol does not ask for it.
-        camera: Any = self.camera
-        return camera.picture() if hasattr(camera, "picture") else None
+        return getattr(self.camera, "picture", lambda: None)()
 
     def sight(self) -> CameraSight | None:
         """Return what the camera cannot see; None where it does not say."""
-        camera: Any = self.camera
-        return camera.sight() if hasattr(camera, "sight") else None
+        return getattr(self.camera, "sight", lambda: None)()
 
     def close(self) -> None:
         """Stop the arm, and let go of controller and camera."""
         if self._closed:
             return
         super().close()
-        try:
-            if self._link is not None:
-                link, self._link = self._link, None
-                try:
-                    newest = link.reports[-1] if link.is_alive else None
-                    # A program that is not ours goes on.
-                    if newest is not None and newest.is_playing and newest.state in UNDER_WAY:
-                        Player(link, self.robot).stop()
-                    with contextlib.suppress(RigError):
-                        link.set_phase(Phase.IDLE)
-                finally:
-                    link.close()
-        finally:
-            self.camera.close()
-
-    def curve(self, trajectory: Trajectory) -> JointCurve:
-        """Return the path of a motion as it is sent.
-
-        Raises:
-            RigError: It has no joints.
-        """
-        path = trajectory.joint_path
-        if path is None:
-            raise RigError("a real arm needs the joints of a motion, and this one has none")
-        return JointCurve.fit(path)
+        link, self._link = self._link, None
+        with contextlib.closing(self.camera):
+            if link is None:
+                return
+            with contextlib.closing(link):
+                newest = link.reports[-1] if link.is_alive else None
+                # A program that is not ours goes on.
+                if newest is not None and newest.is_playing and newest.state in UNDER_WAY:
+                    Player(link, self.robot).stop()
+                with contextlib.suppress(RigError):
+                    link.set_phase(Phase.IDLE)
 
     def _connected(self) -> UrLink:
         """Return the connection, made anew where it was lost."""
@@ -230,8 +214,7 @@ class RigUR(RigLifecycle):
         link.set_phase(Phase.SETTLE)
         end = record.start_time + curve.duration + self.robot.settle_time
         tail = record.start_time + curve.duration + _JOINT_TAIL
-        while link.latest().time < end:
-            time.sleep(0.005)
+        self._wait(link, end - link.latest().time)
         check_report(link.wait_for_report(), self.robot)
         reports = link.since(record.start_time)
         for report in reports:
@@ -279,11 +262,8 @@ class RigUR(RigLifecycle):
             way = joint_move(q, seen, TURN_SPEED)
             try:
                 check_path(way, self.setup, "the turn of the jaws")
-            except JointLimitError:
-                return False
-            try:
                 self._play("cablecast_look", way, Phase.READOUT)
-            except CastAbortedError:
+            except (JointLimitError, CastAbortedError):
                 # The cast was made, and is kept.
                 return False
             q = self._at_rest(link)
@@ -337,6 +317,17 @@ def check_lab(setup: Setup) -> RobotConfig:
     return setup.robot
 
 
+def curve_of(trajectory: Trajectory) -> JointCurve:
+    """Return the path of a motion as it is sent.
+
+    Raises:
+        RigError: It has no joints.
+    """
+    if trajectory.joint_path is None:
+        raise RigError("a real arm needs the joints of a motion, and this one has none")
+    return JointCurve.fit(trajectory.joint_path)
+
+
 def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, JointCurve]:
     """Return the way to the start of the paper's reset, and that reset, both checked.
 
@@ -355,30 +346,25 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, Joi
     try:
         off = float(np.abs(setup.arm.inverse(pose) - q).max())
     except CablecastError:
-        off = np.inf
-    if off == np.inf:
         raise RigError(
             "the arm stands where its gripper cannot point down: bring it there by hand "
             "(freedrive), and start again"
-        )
+        ) from None
     if off > BRANCH_MAX:
         raise RigError(
             f"the arm stands {off:.2f} rad from where its gripper would point down with its elbow "
             "up: bring it there by hand (freedrive), and start again"
         )
-    path = None
+    reset = None
     if off <= _LEVEL_TOLERANCE:
         # It may have been stopped where no reset can begin.
         with contextlib.suppress(CablecastError):
-            path = plan_reset(pose, slow).joint_path
-    if path is None:
+            reset = curve_of(plan_reset(pose, slow))
+    if reset is None:
         # From a place above the table one can.
         pose = np.array(reset_pose(setup.workspace), dtype=float)
         pose[2] += _SAFE_HEIGHT
-        path = plan_reset(pose, slow).joint_path
-    if path is None:
-        raise RigError("the reset has no joints")
-    reset = JointCurve.fit(path)
+        reset = curve_of(plan_reset(pose, slow))
     way = joint_move(q, reset.q[0], APPROACH_SPEED)
     check_path(way, setup, "the way to the start")
     check_path(reset, setup, "the reset")
@@ -392,8 +378,7 @@ def check_reports(record: MotionRecord, curve: JointCurve) -> None:
         CastAbortedError: No report came for longer than `REPORT_GAP_MAX`.
     """
     start, end = record.start_time, record.start_time + curve.duration
-    times = np.array([r.time for r in record.reports])
-    times = np.clip(np.concatenate([[start], times, [end]]), start, end)
+    times = np.clip([start, *(r.time for r in record.reports), end], start, end)
     gap = float(np.diff(times).max())
     if gap > REPORT_GAP_MAX:
         raise CastAbortedError(
@@ -415,10 +400,6 @@ def make_ur_rig(setup: Setup) -> RigUR:
     """
     from cablecast.vision.trials import CameraOfTrials
 
+    # A lab file that is refused leaves the camera alone.
     check_lab(setup)
-    camera = CameraOfTrials(setup)
-    try:
-        return RigUR(setup, camera)
-    except BaseException:
-        camera.close()
-        raise
+    return RigUR(setup, CameraOfTrials(setup))

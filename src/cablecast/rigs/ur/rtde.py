@@ -29,15 +29,11 @@ that is being approached, in units of `TICK_DT`, 0 before the motion; number of 
 one is not taken for another."""
 
 TYPES = {
-    "BOOL": "?",
-    "UINT8": "B",
     "UINT32": "I",
-    "UINT64": "Q",
     "INT32": "i",
     "DOUBLE": "d",
     "VECTOR3D": "3d",
     "VECTOR6D": "6d",
-    "VECTOR6INT32": "6i",
 }
 """Struct codes of the types that a recipe names."""
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.motion.polar import reset_pose
 from cablecast.rigs.ur.program import JointCurve, ProgramState, joint_move, motion_program
 from cablecast.rigs.ur.rtde import BEAT, STATE, STOP, TICK, FrameReader, Recipe, frame
 from cablecast.rigs.ur.twin.controller import Controller
@@ -15,11 +14,6 @@ from cablecast.rigs.ur.twin.servers import OUTPUTS, RtdeServer, dashboard_answer
 SETTLE_TIME = 1.0
 # The arm must rest this soon after anything that stops it [s].
 REST_TIME_MAX = 0.5
-
-
-@pytest.fixture
-def home(twin_setup):
-    return twin_setup.arm.inverse(np.asarray(reset_pose(twin_setup.workspace), dtype=float))
 
 
 @pytest.fixture(params=["cb3", "e-series"])
@@ -152,10 +146,10 @@ def test_the_controller_itself_stops_a_path_that_is_too_fast(
     assert re.search(words, stops[0]["why"])
 
 
-def test_a_program_that_does_not_compile_is_refused_in_the_log(controller):
+def test_a_program_that_does_not_compile_is_refused_with_its_reason(controller):
     controller.load("def cast():\n  what is this\nend\n")
     assert not controller.is_running_program
-    assert "is no statement" in controller.messages[-1]
+    assert "is no statement" in controller.events[-1]["reason"]
 
 
 def test_a_program_beyond_the_controllers_size_does_nothing(controller, points, twin_setup):
@@ -163,7 +157,6 @@ def test_a_program_beyond_the_controllers_size_does_nothing(controller, points, 
     controller.program_size_max = len(text) - 1
     controller.load(text)
     assert not controller.is_running_program
-    assert not controller.messages
     assert controller.events[-1]["reason"] == f"{len(text)} bytes"
     controller.program_size_max = len(text)
     controller.load(text)
@@ -178,7 +171,7 @@ def test_the_dashboard_answers_as_the_makers_does(twin_setup, home):
     assert dashboard_answer(cb3, "is in remote control").startswith("could not understand")
     assert dashboard_answer(e_series, "is in remote control") == "true"
     cb3.protective_stop("test")
-    assert dashboard_answer(cb3, "safetystatus") == "Safetystatus: PROTECTIVE_STOP"
+    assert dashboard_answer(cb3, "safetymode") == "Safetymode: PROTECTIVE_STOP"
     cb3.emergency_stop()
     assert dashboard_answer(cb3, "robotmode") == "Robotmode: POWER_OFF"
 

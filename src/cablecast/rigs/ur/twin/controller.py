@@ -72,24 +72,21 @@ class TwinLimits:
         """
         if q.shape != (6,) or not np.all(np.isfinite(q)):
             return "a set point is not six finite angles"
-        joint = int(np.argmax(np.abs(q)))
-        if abs(q[joint]) > _POSITION_MAX:
-            return f"{JOINT_NAMES[joint]} at {q[joint]:.3f} rad is beyond its limit of position"
         count = self._window
         self._past = [*self._past, q.copy()][-2 * count - 1 :]
-        if len(self._past) > count:
-            rate = (q - self._past[-1 - count]) / (count * self.dt)
-            joint = int(np.argmax(np.abs(rate) / self._speed_max))
-            if abs(rate[joint]) > self._speed_max[joint]:
-                return f"{JOINT_NAMES[joint]} at {rate[joint]:.2f} rad/s is beyond its speed"
-        if len(self._past) > 2 * count:
-            before = (self._past[-1 - count] - self._past[0]) / (count * self.dt)
-            change = (rate - before) / (count * self.dt)
-            joint = int(np.argmax(np.abs(change)))
-            if abs(change[joint]) > _ACCELERATION_MAX:
-                return (
-                    f"{JOINT_NAMES[joint]} at {change[joint]:.0f} rad/s2 is beyond its acceleration"
-                )
+        # The newest first; shorter by one with each difference, and empty after a start.
+        places = np.array(self._past[::-count])
+        rates = -np.diff(places, axis=0) / (count * self.dt)
+        changes = -np.diff(rates, axis=0) / (count * self.dt)
+        for values, bound, words in (
+            (places, _POSITION_MAX, "{:.3f} rad is beyond its limit of position"),
+            (rates, self._speed_max, "{:.2f} rad/s is beyond its speed"),
+            (changes, _ACCELERATION_MAX, "{:.0f} rad/s2 is beyond its acceleration"),
+        ):
+            for value in values[:1]:
+                joint = int(np.argmax(np.abs(value) / bound))
+                if np.any(np.abs(value) > bound):
+                    return f"{JOINT_NAMES[joint]} at {words.format(value[joint])}"
         return self._outside(q)
 
     def _outside(self, q: NDArray[np.float64]) -> str | None:
@@ -112,7 +109,6 @@ MODE_POWER_OFF, MODE_RUNNING = 3, 7
 SAFETY_NORMAL, SAFETY_PROTECTIVE, SAFETY_EMERGENCY = 1, 3, 7
 _START_TIMESTAMP = 1000.0
 _EVENT_COUNT = 10_000
-_MESSAGE_COUNT = 200
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,9 +171,6 @@ class Controller:
         self.limits = TwinLimits(setup, self.dt)
         self.inputs: dict[str, Any] = collections.defaultdict(int)
         self.events: collections.deque[dict[str, Any]] = collections.deque(maxlen=_EVENT_COUNT)
-        self.messages: collections.deque[str] = collections.deque(maxlen=_MESSAGE_COUNT)
-        self.payload = robot.payload_mass
-        self.payload_cog = list(robot.payload_cog)
         # Functions of URScript that take time. Each returns a function that carries it out, one
         # control cycle a call, and that returns True, having done nothing, once it is over.
         self._timed = {"servoj": self._servoj, "stopj": self._stopj}
@@ -185,17 +178,14 @@ class Controller:
         self.boot()
 
     def boot(self) -> None:
-        """Start up: at rest, without a program."""
-        self.robot_mode, self.safety_mode = MODE_RUNNING, SAFETY_NORMAL
-        self.speed_slider = 1.0
-        self.is_in_remote_control = True
+        """Start up: at rest, without a program, and as after `clear`."""
         self._running: _Running | None = None
         self.target_q = self.arm.q.copy()
         self.target_qd = np.zeros(6)
         self.arm.freeze()
-        self.limits.forget()
         self.int_registers = [0] * REGISTER_COUNT
         self.inputs.clear()
+        self.clear()
 
     @property
     def is_running_program(self) -> bool:
@@ -237,7 +227,6 @@ class Controller:
             program = Program(text)
             running = _Running(program.name, program.run(self._instant(), set(self._timed)))
         except ScriptError as error:
-            self.messages.append(str(error))
             self.log("program refused", reason=str(error))
             return
         self.stop_program("replaced by another")
@@ -299,19 +288,11 @@ class Controller:
         except StopIteration:
             self.stop_program("its end")
         except _PROGRAM_ERRORS as error:
-            self.messages.append(str(error))
             self.stop_program(f"error: {error}")
 
     def _servoj(
-        self,
-        q: Any,
-        a: float = 0.0,
-        v: float = 0.0,
-        t: float = 0.002,
-        lookahead_time: float = 0.1,
-        gain: float = 300,
+        self, q: Any, *, t: float, lookahead_time: float, gain: float
     ) -> Callable[[], bool]:
-        del a, v
         if not (0.03 <= lookahead_time <= 0.2 and 100 <= gain <= 2000):
             raise ScriptError(f"servoj lookahead_time {lookahead_time} or gain {gain} out of range")
         target, start, progress = np.array(q, dtype=float), self.target_q.copy(), 0.0

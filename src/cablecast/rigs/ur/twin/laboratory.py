@@ -10,14 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.conventions import tangent
-from cablecast.errors import (
-    CablecastError,
-    InputError,
-    check_count,
-    check_number,
-    check_seed,
-)
+from cablecast.conventions import finite_or_none, tangent
+from cablecast.errors import CablecastError, InputError, check_count, check_number, check_seed
 from cablecast.motion.polar import reset_pose
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
 from cablecast.rigs.ur.link import Phase
@@ -373,7 +367,7 @@ class TwinLaboratory:
                 "program": self.controller.program_name,
                 "at_rest": self.controller.at_rest,
                 "q": self.controller.arm.q.tolist(),
-                "tip": _plain(self._nodes()[-1]),
+                "tip": [finite_or_none(value) for value in self._nodes()[-1]],
                 "holds_cable": self.cable is None or self.cable.is_held,
                 "faults": len(self.faults),
             }
@@ -395,14 +389,15 @@ class TwinLaboratory:
             self.cable.grip_anew()
         if self.controller.robot_mode == MODE_POWER_OFF:
             self._power_up()
-        self.controller.clear()
+        else:
+            self.controller.clear()
 
     def _truth(self, since: float, until: float) -> dict[str, Any]:
         """Return the true way of the endpoint, and the speed of the fastest joint."""
         rows = [row for row in self._history if since <= row[0] <= until]
         return {
             "times": [row[0] for row in rows],
-            "tip": [_plain(row[1]) for row in rows],
+            "tip": [[finite_or_none(value) for value in row[1]] for row in rows],
             "joint_speed": [row[2] for row in rows],
         }
 
@@ -422,7 +417,6 @@ class TwinLaboratory:
         controller = self.controller
         if self._restart_at is not None and controller.time >= self._restart_at:
             self._power_up()
-            controller.clear()
         phase = self.phase
         if phase != self._phase[0]:
             self._phase = (phase, controller.time)
@@ -507,8 +501,3 @@ class TwinLaboratory:
         self._next_picture = now + CAMERA_DT - 1e-9
         if self.phase != "reset" or now % RESET_GLANCE_PERIOD < RESET_GLANCE:
             self.camera.show(now, self.controller.arm.q, self._nodes())
-
-
-def _plain(place: NDArray[np.float64]) -> list[float | None]:
-    """Return a place as JSON has it, None where unknown."""
-    return [None if np.isnan(value) else float(value) for value in place]

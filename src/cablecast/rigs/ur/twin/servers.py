@@ -10,6 +10,7 @@ frame begins with its length, header included, and its type; all numbers are big
 import collections
 import contextlib
 import ipaddress
+import os
 import selectors
 import socket
 import struct
@@ -28,7 +29,6 @@ from cablecast.rigs.ur.rtde import (
     SETUP_INPUTS,
     SETUP_OUTPUTS,
     START,
-    TYPES,
     FrameReader,
     Recipe,
     frame,
@@ -109,17 +109,13 @@ class Servers:
         """Open a server's port, unless it is open."""
         if name in self._listening:
             return
-        server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            server.bind((self.address, self._ports[name]))
+            server = socket.create_server((self.address, self._ports[name]))
         except OSError as error:
-            server.close()
             raise InputError(
-                f"port {self._ports[name]} of {self.address} is not free ({error.strerror}): is "
-                "another twin running?"
+                f"port {self._ports[name]} of {self.address} is not free "
+                f"({os.strerror(error.errno or 0)}): is another twin running?"
             ) from None
-        server.listen()
         server.setblocking(False)
         self._listening[name] = server
         self._selector.register(server, selectors.EVENT_READ, name)
@@ -201,61 +197,21 @@ def _check_loopback(address: str) -> str:
     raise InputError(f"the twin listens on a loopback address such as 127.0.0.1, not on {address}")
 
 
-def _typed(**names: str) -> dict[str, str]:
-    """Return the type of each name; the keywords are types with the names of their variables."""
-    return {name: kind for kind, text in names.items() for name in text.split()}
-
-
-def _registers(what: str, kind: str) -> dict[str, str]:
-    return {f"{what}_{index}": kind for index in range(REGISTER_COUNT)}
+def _registers(what: str) -> dict[str, str]:
+    return {f"{what}_int_register_{index}": "INT32" for index in range(REGISTER_COUNT)}
 
 
 OUTPUTS = {
-    **_typed(
-        DOUBLE="timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum"
-        " actual_main_voltage actual_robot_voltage actual_robot_current standard_analog_input0"
-        " standard_analog_input1 standard_analog_output0 standard_analog_output1 payload",
-        VECTOR6D="target_q target_qd target_qdd target_current target_moment actual_q actual_qd"
-        " actual_current joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force"
-        " target_TCP_pose target_TCP_speed joint_temperatures actual_joint_voltage payload_inertia"
-        " ft_raw_wrench",
-        VECTOR3D="actual_tool_accelerometer payload_cog",
-        VECTOR6INT32="joint_mode",
-        UINT64="actual_digital_input_bits actual_digital_output_bits",
-        UINT32="runtime_state robot_status_bits safety_status_bits output_bit_registers0_to_31"
-        " output_bit_registers32_to_63",
-        INT32="robot_mode safety_mode safety_status",
-    ),
-    **_registers("output_int_register", "INT32"),
-    **_registers("output_double_register", "DOUBLE"),
+    **dict.fromkeys(("timestamp", "speed_scaling", "target_speed_fraction", "payload"), "DOUBLE"),
+    **dict.fromkeys(("target_q", "target_qd", "actual_q", "actual_qd"), "VECTOR6D"),
+    "payload_cog": "VECTOR3D",
+    **dict.fromkeys(("runtime_state", "robot_status_bits", "safety_status_bits"), "UINT32"),
+    **dict.fromkeys(("robot_mode", "safety_mode", "safety_status"), "INT32"),
+    **_registers("output"),
 }
-"""Types of what the controller can report."""
-INPUTS = {
-    **_typed(
-        UINT32="speed_slider_mask input_bit_registers0_to_31 input_bit_registers32_to_63",
-        UINT8="standard_digital_output_mask standard_digital_output tool_digital_output"
-        " configurable_digital_output_mask configurable_digital_output tool_digital_output_mask"
-        " standard_analog_output_mask standard_analog_output_type",
-        DOUBLE="speed_slider_fraction standard_analog_output_0 standard_analog_output_1",
-        VECTOR6D="external_force_torque",
-    ),
-    **{f"input_bit_register_{index}": "BOOL" for index in range(64, 128)},
-    **_registers("input_int_register", "INT32"),
-    **_registers("input_double_register", "DOUBLE"),
-}
+"""Types of what the controller can report: what the twin models, and nothing else."""
+INPUTS = _registers("input")
 """Types of what a client can write."""
-_UNCHANGING: dict[str, Any] = {
-    **{
-        name: [0.0] * int(TYPES[kind][0]) if kind.startswith("VECTOR") else 0
-        for name, kind in OUTPUTS.items()
-    },
-    "joint_mode": [255] * 6,
-    "joint_temperatures": [30.0] * 6,
-    "actual_main_voltage": 48.0,
-    "actual_robot_voltage": 48.0,
-    "actual_joint_voltage": [48.0] * 6,
-}
-"""Reports of what the twin does not model."""
 _SAFETY_BITS = {
     SAFETY_NORMAL: 1,
     SAFETY_PROTECTIVE: 1 << 2 | 1 << 10,
@@ -316,41 +272,28 @@ class RtdeServer:
             recipe: Recipe | None = client.state["inputs"].get(payload[0])
             if recipe is None:
                 raise ValueError("a data package of an unknown recipe")
-            values = recipe.unpack(payload[1:])
-            self.controller.inputs.update(values)
+            self.controller.inputs.update(recipe.unpack(payload[1:]))
             self.controller.inputs["written at"] = self.controller.time
-            if values.get("speed_slider_mask"):
-                fraction = float(values["speed_slider_fraction"])
-                self.controller.speed_slider = min(max(fraction, 0.0), 1.0)
             self.heard()
 
     def _set_outputs(self, client: Client, payload: bytes) -> None:
         (frequency,) = struct.unpack_from(">d", payload)
-        names = _names(payload[8:])
-        types = tuple(OUTPUTS.get(name, "NOT_FOUND") for name in names)
-        recipe = Recipe(1, names, types)
-        client.state["outputs"] = recipe if recipe.is_valid else None
         rate = 1.0 / self.controller.dt
         client.state["every"] = max(1, round(rate / min(max(frequency, 1.0), rate)))
-        client.send(frame(SETUP_OUTPUTS, bytes([recipe.number]) + ",".join(types).encode()))
+        client.state["outputs"] = _set_up(client, SETUP_OUTPUTS, payload[8:], 1, OUTPUTS)
 
     def _set_inputs(self, client: Client, payload: bytes, others: list[Client]) -> None:
-        names = _names(payload)
         taken = {
-            name
+            name: "IN_USE"
             for other in others
             if other is not client
             for recipe in other.state["inputs"].values()
             for name in recipe.names
         }
-        types = tuple(
-            "IN_USE" if name in taken else INPUTS.get(name, "NOT_FOUND") for name in names
-        )
-        recipe = Recipe(len(client.state["inputs"]) + 1, names, types)
-        number = recipe.number if recipe.is_valid else 0
-        if recipe.is_valid:
-            client.state["inputs"][recipe.number] = recipe
-        client.send(frame(SETUP_INPUTS, bytes([number]) + ",".join(types).encode()))
+        inputs = client.state["inputs"]
+        recipe = _set_up(client, SETUP_INPUTS, payload, len(inputs) + 1, INPUTS | taken)
+        if recipe is not None:
+            inputs[recipe.number] = recipe
 
     def state(self) -> dict[str, Any]:
         """Return the value of every output, with the noise of the encoders."""
@@ -359,7 +302,6 @@ class RtdeServer:
         powered = c.robot_mode == MODE_RUNNING
         playing = c.is_running_program
         return {
-            **_UNCHANGING,
             "timestamp": c.time,
             "target_q": c.target_q.tolist(),
             "target_qd": c.target_qd.tolist(),
@@ -374,7 +316,7 @@ class RtdeServer:
             "robot_status_bits": int(powered) | int(playing) << 1,
             "safety_status_bits": _SAFETY_BITS[c.safety_mode],
             "payload": c.payload,
-            "payload_cog": c.payload_cog,
+            "payload_cog": c.robot.payload_cog,
             **{f"output_int_register_{i}": value for i, value in enumerate(c.int_registers)},
         }
 
@@ -406,9 +348,16 @@ class RtdeServer:
                 client.send(data)
 
 
-def _names(text: bytes) -> tuple[str, ...]:
-    """Return the names of a recipe; ur-rtde sends a comma after the last."""
-    return tuple(name for name in text.decode("ascii").split(",") if name)
+def _set_up(
+    client: Client, kind: int, names: bytes, number: int, types: dict[str, str]
+) -> Recipe | None:
+    """Tell a client the types of what it names, and return the recipe if it may have all of it."""
+    # ur-rtde sends a comma after the last.
+    asked = tuple(name for name in names.decode("ascii").split(",") if name)
+    recipe = Recipe(number, asked, tuple(types.get(name, "NOT_FOUND") for name in asked))
+    number = number if recipe.is_valid else 0
+    client.send(frame(kind, bytes([number]) + ",".join(recipe.types).encode()))
+    return recipe if recipe.is_valid else None
 
 
 _ROBOT_STATE, _ROBOT_MESSAGE, _VERSION_MESSAGE, _MODE_DATA = 16, 20, 3, 0
@@ -451,20 +400,12 @@ def dashboard_answer(controller: Controller, line: str) -> str:
     """Return the dashboard's answer to one command, without line breaks."""
     command = line.strip().lower()
     major, minor, bugfix, build = controller.generation.version
-    running = controller.is_running_program
-    safety = _SAFETY_WORDS[controller.safety_mode]
+    powered = controller.robot_mode == MODE_RUNNING
     questions = {
-        "robotmode": "Robotmode: "
-        + ("RUNNING" if controller.robot_mode == MODE_RUNNING else "POWER_OFF"),
-        "safetymode": f"Safetymode: {safety}",
-        "safetystatus": f"Safetystatus: {safety}",
-        "running": f"Program running: {str(running).lower()}",
-        "programstate": f"{'PLAYING' if running else 'STOPPED'} "
-        f"{controller.program_name or '<unnamed>'}",
+        "robotmode": f"Robotmode: {'RUNNING' if powered else 'POWER_OFF'}",
+        "safetymode": f"Safetymode: {_SAFETY_WORDS[controller.safety_mode]}",
+        "running": f"Program running: {str(controller.is_running_program).lower()}",
         "polyscopeversion": f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2022)",
-        "get robot model": controller.setup.arm.model.removesuffix("e").upper(),
-        "get serial number": "20260000000",
-        "quit": "Disconnected",
     }
     if controller.generation.has_remote_control:
         questions["is in remote control"] = str(controller.is_in_remote_control).lower()

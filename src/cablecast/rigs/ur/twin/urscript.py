@@ -1,10 +1,10 @@
 """Interpreter for the part of URScript that our own programs use.
 
-It runs numbers, truth values, lists of numbers, functions, `if`, `while`, `halt`, and the built-in
-functions that the controller hands in. Built-in functions that take time, such as `servoj`, give
-their command to the controller, which carries it out and then goes on with the program. Anything
-else is refused when the program is loaded, as the real controller refuses a program that does not
-compile.
+It runs numbers, truth values, lists of numbers, functions without a value, `if`, `while`, `halt`,
+and the built-in functions that the controller hands in. Built-in functions that take time, such as
+`servoj`, give their command to the controller, which carries it out and then goes on with the
+program. Anything else is refused when the program is loaded, as the real controller refuses a
+program that does not compile.
 
 URScript's expressions are a part of Python's, so a program is rewritten in Python's grammar, line
 by line, and its syntax tree is walked. Nothing of it ever runs as Python. Where versions of the
@@ -138,7 +138,6 @@ def _check_statements(statements: Sequence[ast.stmt], lines: Sequence[str]) -> N
                 _check_statements([*body, *otherwise], lines)
             case (
                 ast.Pass()
-                | ast.Return(value=ast.expr())
                 | ast.Expr(value=ast.Call() | ast.Name(id="halt"))
                 | ast.Assign(targets=[ast.Name()])
                 | ast.AnnAssign(target=ast.Name(), annotation=ast.Constant("global" | "local"))
@@ -146,11 +145,6 @@ def _check_statements(statements: Sequence[ast.stmt], lines: Sequence[str]) -> N
                 pass
             case _:
                 raise _no_statement(lines, statement.lineno)
-
-
-class _Return(Exception):  # noqa: N818 - it is no error
-    def __init__(self, value: Any):
-        self.value = value
 
 
 class _Halt(Exception):  # noqa: N818 - it is no error
@@ -191,8 +185,6 @@ class _Machine:
                 yield from self._call(call, scope)
             case ast.Expr():
                 raise _Halt
-            case ast.Return(value=ast.expr() as value):
-                raise _Return(self._evaluate(value, scope))
             case ast.Assign(targets=[ast.Name(id=name)], value=value):
                 inner = name in scope
                 (scope if inner else self.globals)[name] = self._evaluate(value, scope)
@@ -211,10 +203,7 @@ class _Machine:
             names = [argument.arg for argument in function.args.args]
             if len(values) != len(names) or named:
                 raise TypeError(f"{name} takes {len(names)} arguments")
-            try:
-                yield from self.body(function.body, dict(zip(names, values, strict=True)))
-            except _Return as returned:
-                return returned.value
+            yield from self.body(function.body, dict(zip(names, values, strict=True)))
             return None
         if name in self.instant:
             return self.instant[name](*values, **named)

@@ -1,0 +1,22 @@
+import dataclasses
+import pathlib
+
+import numpy as np
+import pytest
+
+from cablecast.motion.polar import reset_pose
+from cablecast.setup import Setup, load_setup
+
+TWIN_FILE = pathlib.Path(__file__).parents[3] / "examples" / "twin.yaml"
+
+
+@pytest.fixture(scope="session")
+def twin_setup() -> Setup:
+    """Read the lab file of the twin that comes with cablecast, without its camera."""
+    return dataclasses.replace(load_setup(TWIN_FILE), camera=None)
+
+
+@pytest.fixture(scope="session")
+def home(twin_setup) -> np.ndarray:
+    """Return the joint angles at the start of its casts."""
+    return twin_setup.arm.inverse(np.asarray(reset_pose(twin_setup.workspace), dtype=float))
