@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cablecast.engines import EngineName
-from cablecast.errors import InputError, check_number, check_seed
+from cablecast.errors import InputError, check_number
 from cablecast.runs.places import find_input
 
 if TYPE_CHECKING:
@@ -42,8 +42,6 @@ Method = Annotated[
         "candidate whose predicted landing is nearest."
     ),
 ]
-
-TIME_LIMIT_MIN, TIME_LIMIT_MAX = 0.01, 1e6
 
 
 def argument(metavar: str, default: str | None = None, text: str | None = None) -> Any:
@@ -236,8 +234,7 @@ def open_rig(
     from cablecast.rigs.make import make_rig
     from cablecast.runs.folder import hold_folder
 
-    check_seed(seed)
-    check_number("time_limit", time_limit, TIME_LIMIT_MIN, TIME_LIMIT_MAX, "s")
+    check_number("time_limit", time_limit, 0.01, 1e6, "s")
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: --out needs a folder")
     with (
