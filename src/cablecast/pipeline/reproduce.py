@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.data.dataset import read_dataset
 from cablecast.engines import EngineName, make_engine
 from cablecast.engines.base import engine_settings
 from cablecast.errors import InputError, check_seed, says_what_it_takes
@@ -27,10 +27,9 @@ from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import Method, train
 from cablecast.pipeline.tune import tune
 from cablecast.report.reproduction import Reproduction, reproduction_page
-from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.make import make_rig
 from cablecast.runs.folder import Parts, RunFolder
-from cablecast.runs.progress import Progress, ProgressCallback, Stage, StageLog, run_stages, show
+from cablecast.runs.progress import Progress, ProgressCallback, Stage, run_stages, show
 from cablecast.runs.workers import LOCAL, check_workers, connected
 from cablecast.setup import Setup
 from cablecast.tuning.tune import TuneConfig
@@ -236,7 +235,7 @@ def reproduce(
     )
     with run.locked(), connected(workers):
         stages = work.stages()
-        log: StageLog = run_stages(stages, run.path, progress)
+        log = run_stages(stages, run.path, progress)
         progress(Progress(task="Writing the report"))
         times = [(stage.title, log.seconds.get(stage.name, 0.0)) for stage in stages]
         results = Reproduction(folder=run.path, cables=budget.cables)
@@ -351,21 +350,15 @@ class _Work:
         setup = self._setup(cable).with_motion(r0=choice["r0"], v_max=choice["v_max"])
         return setup, choice["with_psi"]
 
-    def _open_rig(self, setup: Setup) -> CheckedRig:
-        return make_rig(self.rig, setup, self.seed)
-
-    def _dataset(self, cable: str, name: str) -> Dataset:
-        return read_dataset(self.out / cable / name)
-
     def _collect(self, cable: str, purpose: Any, count: int) -> None:
         # Casts to tune with are made before the system parameters are chosen (section V-F).
         setup, psi = (self._setup(cable), True) if purpose == "tune" else self._chosen(cable)
         options = self._options(cable, f"{purpose}-data", "seed")
-        with self._open_rig(setup) as rig:
+        with make_rig(self.rig, setup, self.seed) as rig:
             collect(rig, purpose=purpose, count=count, psi=psi, **options)
 
     def _tune(self, cable: str, name: str, count: int) -> None:
-        casts, held_out = self._dataset(cable, "tune-data"), self.budget.validation_casts
+        casts, held_out = read_dataset(self.out / cable / "tune-data"), self.budget.validation_casts
         row = np.arange(len(casts))
         # Whatever the number of casts to tune with, the last ones measure the result.
         casts = casts.rows((row < count) | (row >= len(casts) - held_out))
@@ -377,7 +370,7 @@ class _Work:
         )
 
     def _repeat(self, cable: str) -> None:
-        with self._open_rig(self._setup(cable)) as rig:
+        with make_rig(self.rig, self._setup(cable), self.seed) as rig:
             repeat(
                 rig,
                 combinations=REPEATED,
@@ -414,8 +407,8 @@ class _Work:
         if simulated and real and cable == self.budget.cables[0]:
             start = ForwardModel.load(self.out / cable / "model-sim")
         train(
-            self._dataset(cable, "dataset") if simulated else None,
-            self._dataset(cable, "real-data") if real else None,
+            read_dataset(self.out / cable / "dataset") if simulated else None,
+            read_dataset(self.out / cable / "real-data") if real else None,
             method=name,
             start=start,
             epochs=self.budget.epochs,
@@ -430,5 +423,5 @@ class _Work:
             model = BEST_METHOD if method == OURS else method
             policy = ForwardSearchPolicy.load(self.out / cable / f"model-{model}")
             options["method"] = "refined" if method == OURS else "paper"
-        with self._open_rig(policy.setup) as rig:
+        with make_rig(self.rig, policy.setup, self.seed) as rig:
             evaluate(policy, rig, repeats=self.budget.repeats, **options)
