@@ -51,8 +51,6 @@ MODELS: dict[str, tuple[bool, bool, Method]] = {
 OURS = "ours"
 METHODS = ("polar", *MODELS, OURS)
 
-TARGET_COUNT = 32
-
 REPEATED: tuple[Combination, ...] = ("1.2", "1.5", "1.8", "1.5-psi", "1.8-psi")
 """What the paper repeated on the robot: its section V-E names 1.2 and 1.5 m/s without psi, its
 section VI-B gives numbers of 1.2 and 1.8 m/s."""
@@ -293,7 +291,7 @@ class _Work:
         coverage = 12 * budget.grid**3 + 1.5 * budget.grid_psi**4
         share = budget.casts / FULL.casts
         training = 90.0 * share * budget.epochs / FULL.epochs
-        at_targets = TARGET_COUNT * budget.repeats
+        at_targets = len(load_targets()) * budget.repeats
         for cable in budget.cables:
             is_first = cable == budget.cables[0]
             count = budget.tune_casts + budget.more_casts + budget.validation_casts
