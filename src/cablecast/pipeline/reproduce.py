@@ -21,7 +21,7 @@ from cablecast.learning.policy import ForwardSearchPolicy, PolarCastingPolicy, P
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import evaluate
 from cablecast.pipeline.places import require
-from cablecast.pipeline.repeat import Combination, repeat
+from cablecast.pipeline.repeat import COMBINATIONS, repeat
 from cablecast.pipeline.select import load_repeated, select
 from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import Method, train
@@ -50,10 +50,6 @@ MODELS: dict[str, tuple[bool, bool, Method]] = {
 """Whether a method is trained on D_sim, whether on D_real, and its name in `train`."""
 OURS = "ours"
 METHODS = ("polar", *MODELS, OURS)
-
-REPEATED: tuple[Combination, ...] = ("1.2", "1.5", "1.8", "1.5-psi", "1.8-psi")
-"""What the paper repeated on the robot: its section V-E names 1.2 and 1.5 m/s without psi, its
-section VI-B gives numbers of 1.2 and 1.8 m/s."""
 
 # Rough durations on two cores, for the expected end; measured times take over as stages finish.
 _SECONDS_PER_TRIAL = 0.6
@@ -287,7 +283,7 @@ class _Work:
         each_simulated = _SECONDS_PER_SIMULATION[self.engine]
         tuning = each_simulated * 5.0 * budget.generations
         actions = budget.repeat_actions or 100
-        repeats = actions * len(REPEATED) * budget.repeat_casts
+        repeats = actions * len(COMBINATIONS) * budget.repeat_casts
         coverage = 12 * budget.grid**3 + 1.5 * budget.grid_psi**4
         share = budget.casts / FULL.casts
         training = 90.0 * share * budget.epochs / FULL.epochs
@@ -371,7 +367,7 @@ class _Work:
         with make_rig(self.rig, self._setup(cable), self.seed) as rig:
             repeat(
                 rig,
-                combinations=REPEATED,
+                combinations=tuple(COMBINATIONS),
                 repeats=self.budget.repeat_casts,
                 action_count=self.budget.repeat_actions,
                 **self._options(cable, "repeat", "seed"),
