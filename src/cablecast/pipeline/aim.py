@@ -72,11 +72,6 @@ _OWN = {
     *(SESSION_FOLDER, FITS_FOLDER, REPORT_FOLDER),
 }
 
-ProposalCallback = Callable[[Proposal], None]
-CastCallback = Callable[[Cast], None]
-StopCallback = Callable[[Proposal, str], None]
-RefitCallback = Callable[[AimSession, str], None]
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AimResult:
@@ -478,10 +473,10 @@ def aim(
     *,
     r: ArrayLike | None = None,
     theta_deg: ArrayLike | None = None,
-    on_proposal: ProposalCallback | None = None,
-    on_cast: CastCallback | None = None,
-    on_stop: StopCallback | None = None,
-    on_refit: RefitCallback | None = None,
+    on_proposal: Callable[[Proposal], None] | None = None,
+    on_cast: Callable[[Cast], None] | None = None,
+    on_stop: Callable[[Proposal, str], None] | None = None,
+    on_refit: Callable[[AimSession, str], None] | None = None,
     progress: ProgressCallback = show,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.
