@@ -176,11 +176,6 @@ def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float |
     return setup.with_motion(**given) if given else setup
 
 
-def cable_name(lab_file: pathlib.Path | None, cable: str | None) -> str:
-    """Return the name of a command line's cable, after which default folders are named."""
-    return load_lab(lab_file, cable).cable.name
-
-
 def check_same_setup(
     lab_file: pathlib.Path | None, cable: str | None, stored: "Setup", where: pathlib.Path
 ) -> None:
@@ -217,7 +212,7 @@ def load_policy(
     """Return the policy of --model, for the robot and the camera of --setup."""
     from cablecast.learning.policy import ForwardSearchPolicy
 
-    folder = find_input("model", model, cable_name(lab_file, cable))
+    folder = find_input("model", model, load_lab(lab_file, cable).cable.name)
     policy = ForwardSearchPolicy.load(folder)
     check_same_setup(lab_file, cable, policy.setup, folder)
     return policy.in_lab(with_instruments(policy.setup, lab_file))
