@@ -310,9 +310,7 @@ class _Work:
             title = f"{count} casts on the rig to fine-tune with"
             add(cable, "real-data", title, _SECONDS_PER_TRIAL * count, self._collect, "real", count)
             methods = METHODS if is_first else (BEST_METHOD, OURS)
-            for method in methods:
-                if method not in MODELS:
-                    continue
+            for method in MODELS if is_first else (BEST_METHOD,):
                 # The posterior of the process is linear in the casts.
                 seconds = {"gaussian-process": 30.0 + 60.0 * share, "real": 15.0}.get(
                     method, training
