@@ -171,7 +171,6 @@ def check_repeat(
     if action_count is not None:
         check_count("action_count", action_count, high=ACTION_COUNT_MAX)
     if actions is not None:
-        check_action_values(actions)
         speeds = [COMBINATIONS[name][0] for name in dict.fromkeys(combinations)]
         if len(set(speeds)) < len(speeds):
             raise InputError("actions say themselves whether the wrist turns: name each speed once")
