@@ -255,10 +255,9 @@ def _began_otherwise(folder: pathlib.Path) -> bool:
 
 def _keep_fit(folder: pathlib.Path | None, tuned: Tuned) -> None:
     """Keep a given fit, so that the session needs its file no more."""
-    if folder is None or (folder / TUNE_FOLDER / PARAMS_FILE).exists():
-        return
-    (folder / TUNE_FOLDER).mkdir(parents=True, exist_ok=True)
-    write_params(folder / TUNE_FOLDER, tuned.to_dict())
+    file = folder and folder / TUNE_FOLDER / PARAMS_FILE
+    if file is not None and not file.exists():
+        write_params(file, tuned.to_dict())
 
 
 def _kept_fit(folder: pathlib.Path, setup: Setup) -> Tuned | None:
