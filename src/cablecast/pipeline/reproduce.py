@@ -309,7 +309,6 @@ class _Work:
             count = budget.real_trials
             title = f"{count} casts on the rig to fine-tune with"
             add(cable, "real-data", title, _SECONDS_PER_TRIAL * count, self._collect, "real", count)
-            methods = METHODS if is_first else (BEST_METHOD, OURS)
             for method in MODELS if is_first else (BEST_METHOD,):
                 # The posterior of the process is linear in the casts.
                 seconds = {"gaussian-process": 30.0 + 60.0 * share, "real": 15.0}.get(
@@ -317,7 +316,7 @@ class _Work:
                 )
                 seconds = 30.0 if is_first and method == BEST_METHOD else seconds
                 add(cable, f"model-{method}", f"train ({method})", seconds, self._train, method)
-            for method in methods:
+            for method in METHODS if is_first else (BEST_METHOD, OURS):
                 title = f"{at_targets} casts on the rig at the targets ({method})"
                 each = _SECONDS_PER_POLAR_TRIAL if method == "polar" else _SECONDS_PER_TRIAL
                 name = f"evaluate-{method}"
