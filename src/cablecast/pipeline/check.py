@@ -146,9 +146,8 @@ class LabCheck:
     @functools.cached_property
     def shares(self) -> Array:
         """Share of the table that the casts of each believed cable reach [-], shape [cable]."""
-        return np.array(
-            [np.mean(_distance(self.places, landed) <= NEAR) for landed in self.landing_xy]
-        )
+        reached = [_distance(self.places, landed) <= NEAR for landed in self.landing_xy]
+        return np.mean(reached, axis=1)
 
     @property
     def summary(self) -> str:
