@@ -40,6 +40,20 @@ def rows(verb, *tables):
     ]
 
 
+@pytest.fixture
+def needs(lab, model_folder, dataset_folder, casts_folder):
+    """Return the options without which each verb does not start; all others need a rig."""
+    return {
+        "evaluate": ["--model", model_folder, *lab.rig],
+        "train": ["--dataset", dataset_folder],
+        "tune": ["--dataset", casts_folder],
+        "track": ["file"],
+        "simulate": [],
+        "select": [],
+        "aim": ["--paper-targets", *lab.rig],
+    }
+
+
 BAD_VALUES = [
     *rows(
         "simulate",
@@ -81,10 +95,7 @@ def test_a_number_out_of_its_bounds_is_refused_by_name(words, word, lab, capsys,
 
 
 @pytest.mark.parametrize("verb", ["train", "tune"])
-def test_a_number_of_a_verb_that_reads_casts_is_refused_by_name(
-    verb, lab, capsys, dataset_folder, casts_folder
-):
-    casts = dataset_folder if verb == "train" else casts_folder
+def test_a_number_of_a_verb_that_reads_casts_is_refused_by_name(verb, lab, needs, capsys):
     tables = {
         "train": [("seed", "-1"), ("epochs", HUGE[0]), ("candidate-count", HUGE[2])],
         "tune": [
@@ -93,7 +104,7 @@ def test_a_number_of_a_verb_that_reads_casts_is_refused_by_name(
         ],
     }
     for name, value in tables[verb]:
-        line = refused([verb, "--dataset", casts, f"--{name}", value], capsys)
+        line = refused([verb, *needs[verb], f"--{name}", value], capsys)
         assert name.replace("-", "_") in line
     assert not (lab.path / "runs").exists()
 
@@ -150,17 +161,10 @@ BEFORE_THE_RIG = [
 
 
 @pytest.mark.parametrize(("words", "word"), BEFORE_THE_RIG)
-def test_what_can_be_known_is_refused_before_the_rig_is_connected(
-    words, word, lab, capsys, model_folder
-):
+def test_what_can_be_known_is_refused_before_the_rig_is_connected(words, word, lab, needs, capsys):
     if "cuda" in words and _has_cuda():
         pytest.skip("a CUDA device is here")
-    arguments = [*words, *lab.rig]
-    if words[0] == "evaluate":
-        arguments += ["--model", str(model_folder)]
-    if words[0] == "aim":
-        arguments += ["--paper-targets"]
-    assert word in refused(arguments, capsys)
+    assert word in refused([*words, *needs.get(words[0], lab.rig)], capsys)
     assert lab.events == []
     assert not (lab.path / "runs").exists()
     assert [file.name for file in (lab.path / "foreign").iterdir()] == ["thesis.tex"]
@@ -189,35 +193,20 @@ def _has_cuda() -> bool:
     ],
 )
 def test_a_missing_extra_is_named_before_the_rig_is_connected(
-    verb, module, extra, lab, capsys, monkeypatch, model_folder, dataset_folder, casts_folder
+    verb, module, extra, lab, needs, capsys, monkeypatch
 ):
     monkeypatch.setitem(sys.modules, module, None)
-    arguments = {
-        "evaluate": ["--model", model_folder, *lab.rig],
-        "train": ["--dataset", dataset_folder],
-        "tune": ["--dataset", casts_folder],
-        "track": ["file"],
-        "select": [],
-        "aim": ["--paper-targets", *lab.rig],
-    }.get(verb, lab.rig)
-    assert f"cablecast[{extra}]" in refused([verb, *arguments], capsys)
+    assert f"cablecast[{extra}]" in refused([verb, *needs.get(verb, lab.rig)], capsys)
     assert lab.events == []
     assert not (lab.path / "runs").exists()
 
 
-@pytest.mark.parametrize("verb", ["simulate", "select", "tune", "train", "evaluate", "reproduce"])
-def test_a_device_that_is_not_here_is_refused_before_any_work(
-    verb, lab, capsys, model_folder, dataset_folder, casts_folder
-):
+@pytest.mark.parametrize("verb", ["simulate", "select", "tune", "train", "reproduce"])
+def test_a_device_that_is_not_here_is_refused_before_any_work(verb, lab, needs, capsys):
     if _has_cuda():
         pytest.skip("a CUDA device is here")
-    arguments = {
-        "evaluate": ["--model", model_folder, *lab.rig],
-        "train": ["--dataset", dataset_folder],
-        "tune": ["--dataset", casts_folder],
-        "reproduce": lab.rig,
-    }.get(verb, [])
-    assert "cuda" in refused([verb, *arguments, "--device", "cuda"], capsys)
+    arguments = [*needs.get(verb, lab.rig), "--device", "cuda"]
+    assert "cuda" in refused([verb, *arguments], capsys)
     assert lab.events == []
     assert not (lab.path / "runs").exists()
 

@@ -50,6 +50,15 @@ def touched():
     return points
 
 
+def calibrate_table(lab, touched, *more):
+    """Run the verb with touched points in a file, and return its exit status."""
+    rows = [f"{i},{x:.5f},{y:.5f},{z:.5f}" for i, (x, y, z) in touched.items()]
+    file = lab.with_name("touched.csv")
+    file.write_text("\n".join(["tag,x_m,y_m,z_m", *rows]))
+    words = ["calibrate", "table", "--setup", str(lab), "--touched", str(file)]
+    return main([*words, *more])
+
+
 def check_lab(lab):
     setup = load_setup(lab)
     assert setup.arm.base_height == pytest.approx(ARM.base_height, abs=PLACE_MAX)
@@ -61,20 +70,10 @@ def check_lab(lab):
         np.testing.assert_allclose([tag.x, tag.y], [plan.x, plan.y] - AXIS, atol=PLACE_MAX)
 
 
-def test_touched_tags_become_the_place_of_the_robot_in_the_lab_file(lab, touched, tmp_path, capsys):
-    rows = [f"{i},{x:.5f},{y:.5f},{z:.5f}" for i, (x, y, z) in touched.items()]
-    (tmp_path / "touched.csv").write_text("\n".join(["tag,x_m,y_m,z_m", *rows]))
-    command = [
-        "calibrate",
-        "table",
-        "--setup",
-        str(lab),
-        "--touched",
-        str(tmp_path / "touched.csv"),
-    ]
-    assert main([*command, "--no-write"]) == 0
+def test_touched_tags_become_the_place_of_the_robot_in_the_lab_file(lab, touched, capsys):
+    assert calibrate_table(lab, touched, "--no-write") == 0
     assert lab.read_text() == LAB
-    assert main(command) == 0
+    assert calibrate_table(lab, touched) == 0
     printed = capsys.readouterr().out
     assert printed.count("lies elsewhere, and was left out") == 2
     assert "tag   6" in printed
@@ -83,26 +82,19 @@ def test_touched_tags_become_the_place_of_the_robot_in_the_lab_file(lab, touched
     assert "# a guess" in lab.read_text()
 
 
-def test_touches_with_the_tip_of_another_tool_are_refused(lab, touched, tmp_path, capsys):
-    rows = [f"{i},{x:.5f},{y:.5f},{z + 0.1:.5f}" for i, (x, y, z) in touched.items()]
-    (tmp_path / "touched.csv").write_text("\n".join(["tag,x_m,y_m,z_m", *rows]))
-    words = ["calibrate", "table", "--setup", str(lab), "--touched", str(tmp_path / "touched.csv")]
-    assert main(words) == 2
+def test_touches_with_the_tip_of_another_tool_are_refused(lab, touched, capsys):
+    lifted = {tag_id: point + [0.0, 0.0, 0.1] for tag_id, point in touched.items()}
+    assert calibrate_table(lab, lifted) == 2
     said = capsys.readouterr().err
     assert "the touches put the base 0.083 m above the table, and the lab file 0.150 m" in said
     assert lab.read_text() == LAB
 
 
 def test_touched_points_may_be_typed_as_the_pendant_shows_them(lab, touched, monkeypatch, capsys):
-    lines = []
-    for tag_id, point in touched.items():
-        x, y, z = 1e3 * point
-        lines.append("what?" if tag_id == 0 else "")
-        # Tag 0 is typed wrongly first; tag 3 is left out.
-        lines[-1:] = ["what?", f"{x:.2f}, {y:.2f}, {z:.2f}"] if tag_id == 0 else lines[-1:]
-        if tag_id not in (0, 3):
-            lines[-1] = f"{x:.2f} {y:.2f} {z:.2f}"
-    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines) + "\n"))
+    lines = {tag_id: "{:.2f} {:.2f} {:.2f}".format(*1e3 * p) for tag_id, p in touched.items()}
+    # Tag 0 is typed wrongly first; tag 3 is left out.
+    lines |= {0: "what?\n" + lines[0].replace(" ", ", "), 3: ""}
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines.values()) + "\n"))
     assert main(["calibrate", "table", "--setup", str(lab)]) == 0
     assert "three numbers, please" in capsys.readouterr().out
     check_lab(lab)

@@ -5,35 +5,6 @@ import pytest
 
 from cablecast.cli import main
 
-RIG_MODULE = '''
-import numpy as np
-from cablecast.cast import EndpointTrack, TrialStatus
-
-
-class MyRig:
-    """Lands one centimetre short of straight ahead, whatever is asked."""
-
-    def __init__(self):
-        self.description = {"robot": "mine"}
-        self.cast_count = 0
-
-    def reset(self):
-        pass
-
-    def execute(self, trajectory):
-        self.cast_count += 1
-        status = TrialStatus.OFF_TABLE if self.cast_count == 1 else TrialStatus.OK
-        endpoint_xy = np.array([[0.0, 1.2], [0.0, 0.99]])
-        return EndpointTrack(times=np.array([0.0, 0.1]), endpoint_xy=endpoint_xy, status=status)
-
-    def close(self):
-        print("the rig was closed")
-
-
-def make(setup, seed):
-    return MyRig()
-'''
-
 
 @pytest.fixture(scope="module")
 def evaluated(model_folder, tmp_path_factory):
@@ -91,16 +62,14 @@ def test_an_evaluation_of_other_settings_is_not_written_over_it(evaluated, capsy
 
 
 @pytest.mark.usefixtures("blank_figures")
-def test_a_rig_of_ones_own_is_found_in_the_working_folder(model_folder, capsys, in_new_folder):
-    (in_new_folder / "my_lab_rig.py").write_text(RIG_MODULE)
-    arguments = ["--model", str(model_folder), "--rig", "my_lab_rig:make", "--out", "result"]
+def test_a_rig_of_ones_own_is_found_in_the_working_folder(model_folder, capsys, lab):
+    arguments = ["--model", str(model_folder), *lab.rig, "--out", "result"]
     assert main(["evaluate", *arguments]) == 0
-    output = capsys.readouterr().out
-    assert "the rig was closed" in output
-    assert "31 ok, 1 off_table" in output
-    metrics = json.loads((in_new_folder / "result" / "metrics.json").read_text())
-    assert metrics["rig"] == {"robot": "mine"}
-    assert metrics["status_counts"] == {"ok": 31, "off_table": 1}
+    assert lab.events == ["connected", *["cast"] * 32, "closed"]
+    assert "32 casts at 32 targets: 32 ok" in capsys.readouterr().out
+    metrics = json.loads((lab.path / "result" / "metrics.json").read_text())
+    assert metrics["rig"] == {"rig": "[/] [bold]weiß"}
+    assert metrics["status_counts"] == {"ok": 32}
 
 
 @pytest.mark.usefixtures("coarse_engine")

@@ -8,7 +8,6 @@ import pytest
 import cablecast
 from cablecast.cli import main
 from cablecast.cli.main import VERBS
-from cablecast.cli.simulate import Simulate
 
 HEAVY = ("torch", "warp", "mujoco", "matplotlib", "scipy", "pyarrow", "jinja2", "ruckig")
 
@@ -80,17 +79,6 @@ def test_arguments_that_make_no_sense_exit_with_status_2(arguments, capsys):
         main(arguments)
     assert exit_info.value.code == 2
     assert "Traceback" not in capsys.readouterr().err
-
-
-def test_an_interrupted_run_exits_with_status_130_and_says_so(monkeypatch, capsys):
-    def interrupted(self):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Simulate, "run", interrupted)
-    assert main(["simulate"]) == 130
-    assert capsys.readouterr().err == (
-        "cablecast: interrupted. The same command goes on from what is kept\n"
-    )
 
 
 def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(tmp_path, capsys):

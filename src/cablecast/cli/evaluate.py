@@ -55,7 +55,6 @@ class Evaluate:
         from cablecast.cli.options import picked
         from cablecast.cli.progress import console_progress
         from cablecast.evaluation.published import published_rows
-        from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.evaluate import (
             REPORT_FILE,
             TRIALS_FILE,
@@ -69,8 +68,7 @@ class Evaluate:
         verb = "evaluate" if self.policy == "model" else f"evaluate-{self.policy}"
         verb += "-paper" * (self.method == "paper")
         out = self.out or cable_folder(cable.name) / rig_folder(verb, self.rig)
-        model = policy.model if isinstance(policy, ForwardSearchPolicy) else None
-        check_evaluate(model, repeats=self.repeats, device=self.device, out=out)
+        check_evaluate(policy, repeats=self.repeats, device=self.device, out=out)
         with self._rig(policy, out) as rig, console_progress() as progress:
             options = picked(self, "repeats", "method", "device")
             evaluation = evaluate(policy, rig, **options, out=out, progress=progress)

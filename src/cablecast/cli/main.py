@@ -37,9 +37,6 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 EXIT_READER_CLOSED = 141
 
-_STOP_SIGNALS = ("SIGTERM", "SIGHUP")
-
-
 _RESUMING = {"aim", "collect", "evaluate", "repeat", "reproduce", "select", "simulate", "tune"}
 """Verbs that keep what is finished."""
 
@@ -206,7 +203,8 @@ def _stop_on_signals() -> None:
         del frame
         raise Stopped(number)
 
-    for name in _STOP_SIGNALS:
-        # nohup and the like ignore a signal on purpose.
-        if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) == signal.SIG_DFL:
-            signal.signal(getattr(signal, name), stop)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        # Windows has no SIGHUP; nohup and the like ignore a signal on purpose.
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, stop)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cablecast.engines import EngineName
-from cablecast.errors import InputError, check_number, check_seed
+from cablecast.errors import InputError, check_number
 from cablecast.runs.places import find_input
 
 if TYPE_CHECKING:
@@ -42,8 +42,6 @@ Method = Annotated[
         "candidate whose predicted landing is nearest."
     ),
 ]
-
-TIME_LIMIT_MIN, TIME_LIMIT_MAX = 0.01, 1e6
 
 
 def argument(metavar: str, default: str | None = None, text: str | None = None) -> Any:
@@ -178,11 +176,6 @@ def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float |
     return setup.with_motion(**given) if given else setup
 
 
-def cable_name(lab_file: pathlib.Path | None, cable: str | None) -> str:
-    """Return the name of a command line's cable, after which default folders are named."""
-    return load_lab(lab_file, cable).cable.name
-
-
 def check_same_setup(
     lab_file: pathlib.Path | None, cable: str | None, stored: "Setup", where: pathlib.Path
 ) -> None:
@@ -219,7 +212,7 @@ def load_policy(
     """Return the policy of --model, for the robot and the camera of --setup."""
     from cablecast.learning.policy import ForwardSearchPolicy
 
-    folder = find_input("model", model, cable_name(lab_file, cable))
+    folder = find_input("model", model, load_lab(lab_file, cable).cable.name)
     policy = ForwardSearchPolicy.load(folder)
     check_same_setup(lab_file, cable, policy.setup, folder)
     return policy.in_lab(with_instruments(policy.setup, lab_file))
@@ -236,8 +229,7 @@ def open_rig(
     from cablecast.rigs.make import make_rig
     from cablecast.runs.folder import hold_folder
 
-    check_seed(seed)
-    check_number("time_limit", time_limit, TIME_LIMIT_MIN, TIME_LIMIT_MAX, "s")
+    check_number("time_limit", time_limit, 0.01, 1e6, "s")
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: --out needs a folder")
     with (

@@ -5,7 +5,7 @@ import pathlib
 import typing
 from typing import Annotated, Any
 
-from cablecast.cli.options import Device, argument, cable_name, check_same_setup, picked
+from cablecast.cli.options import Device, argument, check_same_setup, load_lab, picked
 from cablecast.errors import InputError
 from cablecast.runs.places import MODEL_FOLDER, cable_folder, find_input
 
@@ -64,7 +64,7 @@ class Train:
         from cablecast.pipeline.train import train
 
         mode = self._mode()
-        name = cable_name(self.setup, self.cable)
+        name = load_lab(self.setup, self.cable).cable.name
         folders = {}
         if mode != "real":
             folders["simulated"] = find_input("simulated", self.dataset, name)

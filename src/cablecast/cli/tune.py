@@ -57,7 +57,7 @@ class Tune:
 
     def run(self) -> None:
         """Tune, and print the table of distances."""
-        from cablecast.cli.options import cable_name, check_same_setup, picked
+        from cablecast.cli.options import check_same_setup, load_lab, picked
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.tune import TRACKS_FILE, tune
@@ -66,7 +66,7 @@ class Tune:
         from cablecast.tuning.tune import TuneConfig
         from cablecast.tuning.tuned import PARAMS_FILE
 
-        folder = find_input("tune", self.dataset, cable_name(self.setup, self.cable))
+        folder = find_input("tune", self.dataset, load_lab(self.setup, self.cable).cable.name)
         casts = read_dataset(folder)
         check_same_setup(self.setup, self.cable, casts.setup, folder)
         # Made whatever the method: a number that no method can have is refused, not ignored.

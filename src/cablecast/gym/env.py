@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import CableParams
 from cablecast.cast import TrialStatus
-from cablecast.conventions import mirror_xy, polar_to_xy, side_of
+from cablecast.conventions import Array, mirror_xy, polar_to_xy, side_of
 from cablecast.data.simulate import simulate_actions
 from cablecast.engines import make_engine
 from cablecast.errors import (
@@ -38,7 +38,6 @@ from cablecast.setup import Setup
 from cablecast.tuning.space import SearchSpace
 from cablecast.tuning.tuned import Tuned
 
-Array = NDArray[np.float64]
 Observation = NDArray[np.float32]
 ActionForm = typing.Literal["normalised", "raw"]
 OffTable = typing.Literal["fail", "miss"]
@@ -468,8 +467,7 @@ class CastVectorEnv(gymnasium.vector.VectorEnv):
             raise InputError("autoreset_mode must be NextStep or SameStep: each step ends episodes")
         self.metadata = self.metadata | {"autoreset_mode": mode}
         self._same_step, self._ended = mode is AutoresetMode.SAME_STEP, False
-        if not 1 <= num_envs <= VECTOR_COUNT_MAX:
-            raise InputError(f"num_envs = {num_envs} must be in [1, {VECTOR_COUNT_MAX}]")
+        check_count("num_envs", num_envs, high=VECTOR_COUNT_MAX)
         self._casts = _Casts(num_envs, setup, **options)
         self.task, self.num_envs = self._casts.task, num_envs
         self.render_mode = self._casts.render_mode

@@ -1,6 +1,5 @@
 """The vector environment as Stable-Baselines3 wants it: its VecEnv is older than Gymnasium's."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -50,7 +49,7 @@ class CastVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute, which all environments share."""
-        return [getattr(self.env, attr_name)] * len(self._rows(indices))
+        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set an attribute, which all environments share."""
@@ -61,11 +60,8 @@ class CastVecEnv(VecEnv):
     ) -> list[Any]:
         """Call a method of the shared environment once for each index."""
         call = getattr(self.env, method_name)
-        return [call(*method_args, **method_kwargs) for _ in self._rows(indices)]
+        return [call(*method_args, **method_kwargs) for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """Return that no environment is wrapped."""
-        return [False] * len(self._rows(indices))
-
-    def _rows(self, indices: Any) -> Sequence[int]:
-        return list(self._get_indices(indices))
+        return [False for _ in self._get_indices(indices)]

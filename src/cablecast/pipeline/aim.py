@@ -72,11 +72,6 @@ _OWN = {
     *(SESSION_FOLDER, FITS_FOLDER, REPORT_FOLDER),
 }
 
-ProposalCallback = Callable[[Proposal], None]
-CastCallback = Callable[[Cast], None]
-StopCallback = Callable[[Proposal, str], None]
-RefitCallback = Callable[[AimSession, str], None]
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AimResult:
@@ -212,7 +207,7 @@ def prepare_aim(
         tuned = _kept_fit(folder, rig.setup)
     elif tuned is not None:
         _keep_fit(folder, tuned)
-    elif model is None and casts is None and tuned is None and config.calibration_count:
+    elif model is None and casts is None and config.calibration_count:
         casts = _calibration_casts(rig, config, folder, progress)
         tuned = learning.fit(casts, folder, progress)
         # Not once the session has cast at a target: a new fit is due then where it is worth it.
@@ -260,10 +255,9 @@ def _began_otherwise(folder: pathlib.Path) -> bool:
 
 def _keep_fit(folder: pathlib.Path | None, tuned: Tuned) -> None:
     """Keep a given fit, so that the session needs its file no more."""
-    if folder is None or (folder / TUNE_FOLDER / PARAMS_FILE).exists():
-        return
-    (folder / TUNE_FOLDER).mkdir(parents=True, exist_ok=True)
-    write_params(folder / TUNE_FOLDER, tuned.to_dict())
+    file = folder and folder / TUNE_FOLDER / PARAMS_FILE
+    if file is not None and not file.exists():
+        write_params(file, tuned.to_dict())
 
 
 def _kept_fit(folder: pathlib.Path, setup: Setup) -> Tuned | None:
@@ -387,12 +381,8 @@ class _Learning:
             tuned = self.fit(casts, self.folder, progress)
         elif tuned is None:
             tuned = Tuned.believed(self.setup, self.config.seed)
-        return FittedModel(
-            policy=self._policy(tuned, self.folder, progress),
-            tuned=tuned,
-            fitted_to=str(tuned.metrics.get("dataset_fingerprint", "")),
-            waits=waits,
-        )
+        fitted_to = str(tuned.metrics.get("dataset_fingerprint", ""))
+        return self._model(tuned, self.folder, progress, fitted_to=fitted_to, waits=waits)
 
     def __call__(self, store: CastStore, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit; see `Refitting`."""
@@ -402,15 +392,13 @@ class _Learning:
         # A fork keeps nothing.
         folder = store.folder and self.folder and self.folder / FITS_FOLDER / name
         tuned = self.fit(casts, folder, progress, validation_count=0)
-        policy = self._policy(tuned, folder, progress)
-        return FittedModel(policy=policy, tuned=tuned, fitted_count=count)
+        return self._model(tuned, folder, progress, fitted_count=count)
 
     def kept(self, count: int, folder: pathlib.Path, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit to so many casts that is finished."""
         progress(Progress(task=f"2/4 fit to {count} casts", note=DONE_NOTE))
         tuned = load_tuned(folder / TUNE_FOLDER, self.setup)
-        policy = self._policy(tuned, folder, progress)
-        return FittedModel(policy=policy, tuned=tuned, fitted_count=count)
+        return self._model(tuned, folder, progress, fitted_count=count)
 
     def newest_fit(self) -> tuple[int, pathlib.Path] | None:
         """Return the number of casts and the folder of the newest finished later fit."""
@@ -444,9 +432,10 @@ class _Learning:
             progress=progress,
         )
 
-    def _policy(
-        self, tuned: Tuned, folder: pathlib.Path | None, progress: ProgressCallback
-    ) -> ForwardSearchPolicy:
+    def _model(
+        self, tuned: Tuned, folder: pathlib.Path | None, progress: ProgressCallback, **facts: Any
+    ) -> FittedModel:
+        """Return the model of a fit, with more facts about it; the folder keeps it."""
         config = self.config
         shared: Any = {"seed": config.seed, "device": config.device, "progress": progress}
         progress(Progress(task="3/4 simulate"))
@@ -467,7 +456,7 @@ class _Learning:
             out=None if folder is None else folder / MODEL_FOLDER,
             **shared,
         )
-        return policy.in_lab(self.setup)
+        return FittedModel(policy=policy.in_lab(self.setup), tuned=tuned, **facts)
 
 
 @says_what_it_takes
@@ -478,10 +467,10 @@ def aim(
     *,
     r: ArrayLike | None = None,
     theta_deg: ArrayLike | None = None,
-    on_proposal: ProposalCallback | None = None,
-    on_cast: CastCallback | None = None,
-    on_stop: StopCallback | None = None,
-    on_refit: RefitCallback | None = None,
+    on_proposal: Callable[[Proposal], None] | None = None,
+    on_cast: Callable[[Cast], None] | None = None,
+    on_stop: Callable[[Proposal, str], None] | None = None,
+    on_refit: Callable[[AimSession, str], None] | None = None,
     progress: ProgressCallback = show,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cablecast.conventions import mirror_xy, xy_to_polar
+from cablecast.conventions import Array, mirror_xy, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import SEED_MAX, InputError, check_seed, says_what_it_takes
@@ -28,8 +28,6 @@ from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.tuning.ensemble import believed_ensemble
-
-Array = NDArray[np.float64]
 
 PICTURE_FILE = "check.png"
 """Picture of the places that casts reach."""
@@ -113,40 +111,28 @@ class LabCheck:
         y = np.arange(workspace.y_min + _CELL / 2, workspace.y_max, _CELL)
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
-    @functools.cached_property
-    def chances(self) -> Array:
-        """Share of the believed cables whose casts reach each place [-], shape [place]."""
-        return self.chance(self.places)
-
     def chance(self, xy: ArrayLike) -> Array:
         """Return the share of the believed cables whose casts reach places [m], shape [..., 2]."""
         return np.mean([_distance(xy, landed) <= NEAR for landed in self.landing_xy], axis=0)
 
-    def nearest(self, xy: ArrayLike) -> Array:
-        """Return the landing of any believed cable that is nearest to a place [m], shape [2]."""
-        landed = self.landing_xy.reshape(-1, 2)
-        gap = np.linalg.norm(landed - np.asarray(xy, dtype=float), axis=1)
-        return landed[np.nanargmin(gap)]
-
     def is_out_of_reach(self, xy: ArrayLike) -> bool:
         """Return whether a place [m], shape [2], is beyond what any believed cable can reach."""
-        if not self.reaches_anything:
-            return True
-        gap = float(np.linalg.norm(self.nearest(xy) - np.asarray(xy, dtype=float)))
-        return gap > NEAR + DOUBT_SHARE * self.setup.cable.length
+        gap = _distance(xy, self.landing_xy.reshape(-1, 2))
+        return bool(gap > NEAR + DOUBT_SHARE * self.setup.cable.length)
 
     def words_at(self, xy: ArrayLike) -> str:
         """Return whether casts reach a place [m], shape [2], in words, and the nearest landing."""
-        xy = np.asarray(xy, dtype=float)
         if not self.reaches_anything:
             return "no simulated cast stays on the table"
         count = len(self.landing_xy)
         reached = round(float(self.chance(xy)) * count)
         if reached:
             return f"simulated casts land there with {reached} of {count} believed cables"
-        near = self.nearest(xy)
-        r, theta = xy_to_polar(near)
-        gap = float(np.linalg.norm(near - xy))
+        landed = self.landing_xy.reshape(-1, 2)
+        gaps = np.linalg.norm(landed - np.asarray(xy, dtype=float), axis=1)
+        nearest = np.nanargmin(gaps)
+        r, theta = xy_to_polar(landed[nearest])
+        gap = gaps[nearest]
         return (
             "no simulated cast of what this cable may be lands there: the nearest is r = "
             f"{r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * gap:.0f} cm beside it"
@@ -160,7 +146,8 @@ class LabCheck:
     @functools.cached_property
     def shares(self) -> Array:
         """Share of the table that the casts of each believed cable reach [-], shape [cable]."""
-        return np.array([_reached(self.places, landed) for landed in self.landing_xy])
+        reached = [_distance(self.places, landed) <= NEAR for landed in self.landing_xy]
+        return np.mean(reached, axis=1)
 
     @property
     def summary(self) -> str:
@@ -268,7 +255,7 @@ def check(
         from cablecast.report.maps import reach_map
         from cablecast.report.style import png_bytes
 
-        figure = reach_map(setup, found.places, found.chances, _CELL)
+        figure = reach_map(setup, found.places, found.chance(found.places), _CELL)
         write_bytes(pathlib.Path(out) / PICTURE_FILE, png_bytes(figure))
     return found
 
@@ -336,10 +323,6 @@ def _landings(setup: Setup, xy: Array) -> tuple[Array, Array]:
     both = np.stack([stays, mirror_xy(stays)], axis=1).reshape(-1, 2)
     left = end[passes & np.isfinite(end).all(axis=1)]
     return both, np.concatenate([left, mirror_xy(left)])
-
-
-def _reached(places: Array, landed: Array) -> float:
-    return float(np.mean(_distance(places, landed) <= NEAR))
 
 
 def _distance(xy: ArrayLike, landed: Array) -> Array:

@@ -48,7 +48,9 @@ def dry_run(
         InputError: There is no robot, or its arm was not measured.
     """
     robot = check_lab(setup)
-    findings = [_check_reset(setup)]
+    slow = setup.with_motion(control_dt=RESET_DT)
+    reset = plan_reset(reset_pose(setup.workspace), slow)
+    findings = [_check_motion("reset", reset, slow)]
     actions = choose_actions(
         sampling or SAMPLINGS[purpose],
         purpose,
@@ -63,11 +65,6 @@ def dry_run(
     if any(finding.problem for finding in findings):
         return [*findings, Finding("controller", "was not asked, because of the paths above")]
     return [*findings, *_check_controller(setup, robot), _check_camera(setup)]
-
-
-def _check_reset(setup: Setup) -> Finding:
-    slow = setup.with_motion(control_dt=RESET_DT)
-    return _check_motion("reset", plan_reset(reset_pose(setup.workspace), slow), slow)
 
 
 def _check_motion(what: str, trajectory: Trajectory, setup: Setup) -> Finding:

@@ -98,17 +98,16 @@ def evaluate(
             if stored is not None and stored.get("casts_fingerprint") == evaluation.fingerprint:
                 return dataclasses.replace(evaluation, metrics=stored)
             metrics = evaluation_metrics(evaluation)
-            model = policy.model if isinstance(policy, ForwardSearchPolicy) else None
             if out is not None:
                 progress(Progress(task="Drawing the report"))
-                metrics["error_split"] = _split(evaluation, model, device)
-                _write_files(run, evaluation, policy, model)
+                metrics["error_split"] = _split(evaluation, policy, device)
+                _write_files(run, evaluation, policy)
                 run.finish(metrics)
         return dataclasses.replace(evaluation, metrics=metrics)
 
 
 def check_evaluate(
-    model: LandingModel | None,
+    policy: Policy,
     *,
     repeats: int,
     device: str = "cpu",
@@ -125,8 +124,8 @@ def check_evaluate(
     if out is not None:
         require("the report", "matplotlib", "jinja2")
         refuse_other_work(out, "evaluate")
-    if model is not None and model.settings.is_simulated:
-        engine_rig(model, device).close()
+    if isinstance(policy, ForwardSearchPolicy) and policy.model.settings.is_simulated:
+        engine_rig(policy.model, device).close()
 
 
 def engine_rig(
@@ -159,28 +158,25 @@ def check_rig_setup(rig: CheckedRig, policy: Policy) -> None:
         raise InputError(f"the rig and the policy differ: {'; '.join(differences)}")
 
 
-def _split(
-    evaluation: Evaluation, model: LandingModel | None, device: str
-) -> dict[str, Any] | None:
-    """Return the parts of the errors; None for a model without simulated casts."""
-    if model is None or not model.settings.is_simulated:
+def _split(evaluation: Evaluation, policy: Policy, device: str) -> dict[str, Any] | None:
+    """Return the parts of the errors; None for a policy without simulated casts."""
+    if not (isinstance(policy, ForwardSearchPolicy) and policy.model.settings.is_simulated):
         return None
-    with engine_rig(model, device) as engine:
+    with engine_rig(policy.model, device) as engine:
         split = split_errors(evaluation, engine)
     return None if split is None else split.to_dict()
 
 
-def _write_files(
-    run: RunFolder, evaluation: Evaluation, policy: Policy, model: LandingModel | None
-) -> None:
+def _write_files(run: RunFolder, evaluation: Evaluation, policy: Policy) -> None:
     from cablecast.report.maps import landing_map
     from cablecast.report.page import report_page
     from cablecast.report.style import png_bytes
 
     save_trials(evaluation, run.path / TRIALS_FILE)
-    simulated_xy = policy.predicted_xy if isinstance(policy, ForwardSearchPolicy) else None
+    simulated_xy, info = None, {}
+    if isinstance(policy, ForwardSearchPolicy):
+        simulated_xy, info = policy.predicted_xy, policy.model.info
     figure = landing_map(evaluation, simulated_xy)
     write_bytes(run.path / LANDINGS_FILE, png_bytes(figure))
-    info = {} if model is None else model.info
     page = report_page(evaluation, info, run.config, simulated_xy=simulated_xy)
     write_text(run.path / REPORT_FILE, page)

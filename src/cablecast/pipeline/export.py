@@ -1,5 +1,7 @@
 """export_dataset: a dataset in the layout of LeRobot."""
 
+import itertools
+import math
 import os
 import pathlib
 import shutil
@@ -110,14 +112,10 @@ def _join_films(
 def _film_frames(path: pathlib.Path, count: int, fps: int) -> Iterator[Image]:
     """Yield the frames of a film nearest to times 1/fps apart; the last one goes on to the end."""
     _, source = read_video(path)
-    last, done = None, 0
-    for time, frame in source:
-        while last is not None and done < count and done / fps < (time + last[0]) / 2:
-            yield last[1]
+    done, end = 0, (math.inf, np.empty(0, dtype=np.uint8))
+    for (time, frame), (after, _) in itertools.pairwise(itertools.chain(source, [end])):
+        while done < count and done / fps < (time + after) / 2:
+            yield frame
             done += 1
-        last = (time, frame)
         if done == count:
             return
-    while last is not None and done < count:
-        yield last[1]
-        done += 1

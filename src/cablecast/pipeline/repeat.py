@@ -40,16 +40,17 @@ FIGURE_FILE = "repeatability.png"
 ACTIONS_FILE = "actions.csv"
 _CASTS_FOLDER = "casts"
 
-COMBINATIONS = {
+Combination = typing.Literal["1.2", "1.5", "1.5-psi", "1.8", "1.8-psi"]
+
+COMBINATIONS: dict[Combination, tuple[float, bool]] = {
     "1.2": (1.2, False),
     "1.5": (1.5, False),
     "1.5-psi": (1.5, True),
     "1.8": (1.8, False),
     "1.8-psi": (1.8, True),
 }
-"""Combinations that the paper repeated (section V-E): speed [m/s], and whether the wrist turns."""
-
-Combination = typing.Literal["1.2", "1.5", "1.5-psi", "1.8", "1.8-psi"]
+"""Combinations that the paper repeated: speed [m/s], and whether the wrist turns. Its section V-E
+names 1.2 and 1.5 m/s without psi, its section VI-B gives numbers of 1.2 and 1.8 m/s."""
 
 _ACTION_COLUMNS = ("theta1_deg", "theta2_deg", "r2_m", "psi_deg")
 
@@ -149,7 +150,7 @@ def repeat(
 
 def check_repeat(
     *,
-    combinations: Sequence[str],
+    combinations: Sequence[Combination],
     repeats: int,
     action_count: int | None,
     actions: ArrayLike | None,
@@ -170,7 +171,6 @@ def check_repeat(
     if action_count is not None:
         check_count("action_count", action_count, high=ACTION_COUNT_MAX)
     if actions is not None:
-        check_action_values(actions)
         speeds = [COMBINATIONS[name][0] for name in dict.fromkeys(combinations)]
         if len(set(speeds)) < len(speeds):
             raise InputError("actions say themselves whether the wrist turns: name each speed once")

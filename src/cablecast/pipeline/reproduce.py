@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.data.dataset import read_dataset
 from cablecast.engines import EngineName, make_engine
 from cablecast.engines.base import engine_settings
 from cablecast.errors import InputError, check_seed, says_what_it_takes
@@ -21,16 +21,15 @@ from cablecast.learning.policy import ForwardSearchPolicy, PolarCastingPolicy, P
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import evaluate
 from cablecast.pipeline.places import require
-from cablecast.pipeline.repeat import Combination, repeat
+from cablecast.pipeline.repeat import COMBINATIONS, repeat
 from cablecast.pipeline.select import load_repeated, select
 from cablecast.pipeline.simulate import simulate
 from cablecast.pipeline.train import Method, train
 from cablecast.pipeline.tune import tune
 from cablecast.report.reproduction import Reproduction, reproduction_page
-from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.make import make_rig
 from cablecast.runs.folder import Parts, RunFolder
-from cablecast.runs.progress import Progress, ProgressCallback, Stage, StageLog, run_stages, show
+from cablecast.runs.progress import Progress, ProgressCallback, Stage, run_stages, show
 from cablecast.runs.workers import LOCAL, check_workers, connected
 from cablecast.setup import Setup
 from cablecast.tuning.tune import TuneConfig
@@ -51,12 +50,6 @@ MODELS: dict[str, tuple[bool, bool, Method]] = {
 """Whether a method is trained on D_sim, whether on D_real, and its name in `train`."""
 OURS = "ours"
 METHODS = ("polar", *MODELS, OURS)
-
-TARGET_COUNT = 32
-
-REPEATED: tuple[Combination, ...] = ("1.2", "1.5", "1.8", "1.5-psi", "1.8-psi")
-"""What the paper repeated on the robot: its section V-E names 1.2 and 1.5 m/s without psi, its
-section VI-B gives numbers of 1.2 and 1.8 m/s."""
 
 # Rough durations on two cores, for the expected end; measured times take over as stages finish.
 _SECONDS_PER_TRIAL = 0.6
@@ -236,7 +229,7 @@ def reproduce(
     )
     with run.locked(), connected(workers):
         stages = work.stages()
-        log: StageLog = run_stages(stages, run.path, progress)
+        log = run_stages(stages, run.path, progress)
         progress(Progress(task="Writing the report"))
         times = [(stage.title, log.seconds.get(stage.name, 0.0)) for stage in stages]
         results = Reproduction(folder=run.path, cables=budget.cables)
@@ -290,11 +283,11 @@ class _Work:
         each_simulated = _SECONDS_PER_SIMULATION[self.engine]
         tuning = each_simulated * 5.0 * budget.generations
         actions = budget.repeat_actions or 100
-        repeats = actions * len(REPEATED) * budget.repeat_casts
+        repeats = actions * len(COMBINATIONS) * budget.repeat_casts
         coverage = 12 * budget.grid**3 + 1.5 * budget.grid_psi**4
         share = budget.casts / FULL.casts
         training = 90.0 * share * budget.epochs / FULL.epochs
-        at_targets = TARGET_COUNT * budget.repeats
+        at_targets = len(load_targets()) * budget.repeats
         for cable in budget.cables:
             is_first = cable == budget.cables[0]
             count = budget.tune_casts + budget.more_casts + budget.validation_casts
@@ -316,17 +309,14 @@ class _Work:
             count = budget.real_trials
             title = f"{count} casts on the rig to fine-tune with"
             add(cable, "real-data", title, _SECONDS_PER_TRIAL * count, self._collect, "real", count)
-            methods = METHODS if is_first else (BEST_METHOD, OURS)
-            for method in methods:
-                if method not in MODELS:
-                    continue
+            for method in MODELS if is_first else (BEST_METHOD,):
                 # The posterior of the process is linear in the casts.
                 seconds = {"gaussian-process": 30.0 + 60.0 * share, "real": 15.0}.get(
                     method, training
                 )
                 seconds = 30.0 if is_first and method == BEST_METHOD else seconds
                 add(cable, f"model-{method}", f"train ({method})", seconds, self._train, method)
-            for method in methods:
+            for method in METHODS if is_first else (BEST_METHOD, OURS):
                 title = f"{at_targets} casts on the rig at the targets ({method})"
                 each = _SECONDS_PER_POLAR_TRIAL if method == "polar" else _SECONDS_PER_TRIAL
                 name = f"evaluate-{method}"
@@ -351,21 +341,15 @@ class _Work:
         setup = self._setup(cable).with_motion(r0=choice["r0"], v_max=choice["v_max"])
         return setup, choice["with_psi"]
 
-    def _open_rig(self, setup: Setup) -> CheckedRig:
-        return make_rig(self.rig, setup, self.seed)
-
-    def _dataset(self, cable: str, name: str) -> Dataset:
-        return read_dataset(self.out / cable / name)
-
     def _collect(self, cable: str, purpose: Any, count: int) -> None:
         # Casts to tune with are made before the system parameters are chosen (section V-F).
         setup, psi = (self._setup(cable), True) if purpose == "tune" else self._chosen(cable)
         options = self._options(cable, f"{purpose}-data", "seed")
-        with self._open_rig(setup) as rig:
+        with make_rig(self.rig, setup, self.seed) as rig:
             collect(rig, purpose=purpose, count=count, psi=psi, **options)
 
     def _tune(self, cable: str, name: str, count: int) -> None:
-        casts, held_out = self._dataset(cable, "tune-data"), self.budget.validation_casts
+        casts, held_out = read_dataset(self.out / cable / "tune-data"), self.budget.validation_casts
         row = np.arange(len(casts))
         # Whatever the number of casts to tune with, the last ones measure the result.
         casts = casts.rows((row < count) | (row >= len(casts) - held_out))
@@ -377,10 +361,10 @@ class _Work:
         )
 
     def _repeat(self, cable: str) -> None:
-        with self._open_rig(self._setup(cable)) as rig:
+        with make_rig(self.rig, self._setup(cable), self.seed) as rig:
             repeat(
                 rig,
-                combinations=REPEATED,
+                combinations=tuple(COMBINATIONS),
                 repeats=self.budget.repeat_casts,
                 action_count=self.budget.repeat_actions,
                 **self._options(cable, "repeat", "seed"),
@@ -414,8 +398,8 @@ class _Work:
         if simulated and real and cable == self.budget.cables[0]:
             start = ForwardModel.load(self.out / cable / "model-sim")
         train(
-            self._dataset(cable, "dataset") if simulated else None,
-            self._dataset(cable, "real-data") if real else None,
+            read_dataset(self.out / cable / "dataset") if simulated else None,
+            read_dataset(self.out / cable / "real-data") if real else None,
             method=name,
             start=start,
             epochs=self.budget.epochs,
@@ -430,5 +414,5 @@ class _Work:
             model = BEST_METHOD if method == OURS else method
             policy = ForwardSearchPolicy.load(self.out / cable / f"model-{model}")
             options["method"] = "refined" if method == OURS else "paper"
-        with self._open_rig(policy.setup) as rig:
+        with make_rig(self.rig, policy.setup, self.seed) as rig:
             evaluate(policy, rig, repeats=self.budget.repeats, **options)

@@ -83,16 +83,16 @@ def simulate(
     return dataset
 
 
-def simulate_to_aim(setup: Setup, tuned: Tuned | None, **options: Any) -> Dataset:
+def simulate_to_aim(setup: Setup, tuned: Tuned, **options: Any) -> Dataset:
     """Simulate the casts that the model of `aim` is trained on.
 
     They are those of the first simulator of the ensemble, at its resolution: what the others add to
     a landing leads from there. Without an ensemble they are those of `simulate`, whose arguments
     the options are; a resolution that is given holds.
     """
-    if tuned is None or tuned.ensemble is None:
-        return simulate(setup, tuned, **options)
     ensemble = tuned.ensemble
+    if ensemble is None:
+        return simulate(setup, tuned, **options)
     first = dataclasses.replace(ensemble.members[0], servo=tuned.dynamics.servo)
     coarse = dataclasses.replace(tuned, dynamics=first)
     resolution: dict[str, Any] = {"segment_count": ensemble.segment_count, "dt": ensemble.dt}

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.lens import VIEW_BOUNDS_DEG
-from cablecast.camera.settings import MARKER_HUE
+from cablecast.camera.settings import CameraSettings
 from cablecast.camera.tags import TagLayout
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import DamagedFileError, InputError, check_number, says_what_it_takes
@@ -42,8 +42,8 @@ CALIBRATION_FILE = "calibration.json"
 PICTURE_FILE = "track.png"
 
 _CALIBRATION_FRAMES = 12
-_VIEW_DEG, _MARKER = 78.0, (0.038, 0.016)
-"""Angle of view [deg], and size of the marker [m], where there is no lab file with a camera."""
+_CAMERA = CameraSettings(source="film")
+"""Camera where there is no lab file with one: its angle of view and marker are the usual ones."""
 
 _PLAIN = ("view_deg", "begin", "start", "end", "rate", "marker", "marker_hue", "marker_z")
 """Settings of a run that are no files."""
@@ -106,7 +106,7 @@ class TrackConfig:
                 check_number(name, value, low, high, unit)
         check_number("start", self.start, 0.0, 3600.0, "s")
         for name, value in zip(
-            ("marker length", "marker width"), self.marker or _MARKER, strict=True
+            ("marker length", "marker width"), self.marker or _CAMERA.marker, strict=True
         ):
             check_number(name, value, 0.002, 0.5, "m")
         for name, value in zip(("begin x", "begin y"), self.begin or (0.0, 0.0), strict=True):
@@ -207,24 +207,21 @@ def _track(
             f"{video} has {info.width} x {info.height} px, but the camera was calibrated with "
             f"{lens.width} x {lens.height} px"
         )
-    camera = setup.camera
-    length, width = config.marker or (_MARKER if camera is None else camera.marker)
-    hue = MARKER_HUE if camera is None else camera.marker_hue
+    camera = setup.camera or _CAMERA
+    length, width = config.marker or camera.marker
+    hue = camera.marker_hue if config.marker_hue is None else config.marker_hue
     # A phone beside the camera of the lab file has another shutter.
-    is_own = camera is not None and (camera.width, camera.height) == (info.width, info.height)
-    marker = MarkerConfig(
-        length=length, width=width, hue=hue if config.marker_hue is None else config.marker_hue
-    )
+    is_own = (camera.width, camera.height) == (info.width, info.height)
     tracker = make_tracker(
         calibration.view,
         setup.workspace,
         setup.cable,
-        setup.camera,
+        camera,
         TrackerConfig(
-            marker=marker,
+            marker=MarkerConfig(length=length, width=width, hue=hue),
             marker_z=setup.cable.radius if config.marker_z is None else config.marker_z,
             exposure_max=min(1.0 / 120, 1.0 / info.rate),
-            row_time=camera.row_time if camera is not None and is_own else 0.0,
+            row_time=camera.row_time if is_own else 0.0,
         ),
         start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
     )
@@ -268,13 +265,13 @@ def _calibrate(
     """Return the calibration that was given, or one from the tags in the video."""
     if config.calibration is not None:
         return Calibration.load(config.calibration)
-    camera, layout = setup.camera, tags_of(setup)
+    camera, layout = setup.camera or _CAMERA, tags_of(setup)
     if config.tags is not None:
         layout = TagLayout.load(config.tags)
     progress(Progress(task="Looking for tags in the video"))
     info, frames = read_video(video)
     pictures = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
-    lens = None
+    known, lens = camera.lens, None
     if config.board is not None:
         images = read_pictures(config.board)
         fit = calibrate_lens(images, Board())
@@ -282,10 +279,9 @@ def _calibrate(
         task = f"Lens from {fit.picture_count} of {len(images)} pictures of a board{pattern}"
         progress(Progress(task=task, note=f"rms {fit.rms_px:.2f} px"))
         lens = fit.lens
-    elif camera is not None and camera.lens is not None:
-        known = camera.lens
-        lens = known if (known.width, known.height) == (info.width, info.height) else None
-    degrees = config.view_deg or (_VIEW_DEG if camera is None else camera.view_deg)
+    elif known is not None and (known.width, known.height) == (info.width, info.height):
+        lens = known
+    degrees = config.view_deg or camera.view_deg
     return calibrate_view(pictures, layout, lens=lens, diagonal_view=math.radians(degrees))
 
 

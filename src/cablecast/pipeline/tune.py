@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-import pathlib
 import typing
 from typing import Any
 
@@ -129,11 +128,11 @@ def _search(
     keep: bool,
 ) -> Tuned:
     training, validation = split
-    cable = casts.cable
-    servo = None
+    cable, servo = casts.cable, None
     if has_measured_joints(casts) and can_identify_servo(casts):
         progress(Progress(task="Identifying the arm's servo"))
         servo = identify_servo(casts, len(training))
+    lag = None if servo is None else servo.model
     kept: Any = {
         "checkpoint": run.parts(GENERATIONS_FOLDER) if keep else None,
         "progress": progress,
@@ -147,7 +146,7 @@ def _search(
         "cable": cable.name,
         "method": method_name(config),
         "dataset_fingerprint": casts.fingerprint,
-        **params_file(result, cable.length, None if servo is None else servo.model),
+        **params_file(result, cable.length, lag),
     }
     metrics = {
         **values,
@@ -172,14 +171,11 @@ def _search(
         run.finish(metrics)
     return Tuned(
         setup=casts.setup,
-        dynamics=Dynamics(
-            params=result.params,
-            servo=None if servo is None else servo.model,
-        ),
+        dynamics=Dynamics(params=result.params, servo=lag),
         ensemble=result.ensemble,
         posterior=result.posterior,
         metrics=metrics,
-        path=pathlib.Path(run.path) if keep else None,
+        path=run.path if keep else None,
     )
 
 
