@@ -20,7 +20,6 @@ from cablecast.report.tables import (
     Table,
     five_cells,
     flatten_settings,
-    make_row,
     paper_rows,
     pct,
 )
@@ -129,7 +128,7 @@ def _sources(model: Mapping[str, Any]) -> str:
 
 
 def _summary_row(name: str, summary: ErrorSummary, kind: str = "") -> Row:
-    return make_row(name, str(summary.count), *five_cells(summary.to_dict()), kind=kind)
+    return Row((name, str(summary.count), *five_cells(summary.to_dict())), kind)
 
 
 def _error_table(evaluation: Evaluation, rig_name: str, paper: list[Row]) -> Table:
