@@ -24,6 +24,7 @@ from cablecast.report.style import (
     annotate,
     color_scale,
     draw_color_bar,
+    draw_grid,
     draw_half_circle,
     draw_workspace,
     legend_strip,
@@ -177,8 +178,7 @@ def tries_map(evaluation: Evaluation) -> "Figure":
     else:
         curves.set(xlabel="try", ylabel="miss [% of cable length]", ylim=(0, None))
         curves.xaxis.get_major_locator().set_params(integer=True)
-    curves.grid(color=FAINT, linewidth=0.6)
-    curves.set_axisbelow(True)
+    draw_grid(curves)
     curves.legend(loc="upper right" if few else "lower right", fontsize=8)
     return figure
 
