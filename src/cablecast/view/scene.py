@@ -82,6 +82,7 @@ _GROUND = 20.0  # Half of the width of the unseen ground that answers to clicks 
 _AXIS = 0.28  # Length of the base frame's axes, which end beyond the arm's foot [m].
 # An image of viser lies in its own x-y plane with y down, so it is turned about x.
 _FLAT = (0.0, 1.0, 0.0, 0.0)
+_SHADOWLESS: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
 def start_server(host: str, port: int) -> "viser.ViserServer":
@@ -124,12 +125,11 @@ class MeshesDrawing:
         self._handles = [
             server.scene.add_mesh_simple(
                 f"{name}/{piece}",
-                mesh.vertices.astype(np.float32),
-                mesh.faces.astype(np.uint32),
+                mesh.vertices,
+                mesh.faces,
                 color=mesh.color,
                 flat_shading=True,
-                cast_shadow=False,
-                receive_shadow=False,
+                **_SHADOWLESS,
             )
             for piece, mesh in meshes.pieces.items()
         ]
@@ -169,8 +169,8 @@ class RodsDrawing:
         def add(part: str, mesh: Any, quats: Array, places: Array, scales: Array, paint: Color):
             return server.scene.add_batched_meshes_simple(
                 f"{name}/{part}",
-                np.asarray(mesh.vertices, dtype=np.float32),
-                np.asarray(mesh.faces, dtype=np.uint32),
+                mesh.vertices,
+                mesh.faces,
                 quats,
                 places,
                 batched_scales=scales,
@@ -188,10 +188,10 @@ class RodsDrawing:
 
     def move(self, rods: Rods) -> None:
         """Move as many rods of the same radii."""
-        self._rods.batched_wxyzs = rods.quats_wxyz.astype(np.float32)
-        self._rods.batched_positions = rods.centers.astype(np.float32)
-        self._rods.batched_scales = rods.scales.astype(np.float32)
-        self._balls.batched_positions = rods.joints[0].astype(np.float32)
+        self._rods.batched_wxyzs = rods.quats_wxyz
+        self._rods.batched_positions = rods.centers
+        self._rods.batched_scales = rods.scales
+        self._balls.batched_positions = rods.joints[0]
 
     def show(self, visible: bool, opacity: float | None) -> None:
         """Show them with an opacity, None for solid ones, or hide them."""
@@ -241,16 +241,13 @@ class Figure:
         self._cable: Any = None
         self._node_count = 0
         self._visible = True
-        vertices, faces = ribbon(np.zeros((1, 2)), 2 * LIFT)
         self._trail = server.scene.add_mesh_simple(
             f"{name}/trail",
-            vertices.astype(np.float32),
-            faces,
+            *ribbon(np.zeros((1, 2)), 2 * LIFT),
             color=color,
             side="double",
             visible=False,
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
         self._tip = server.scene.add_icosphere(
             f"{name}/tip",
@@ -283,7 +280,7 @@ class Figure:
         trail = thinned(cast.trail(time), len(cast.times))
         update(self._trail, visible=len(trail) > 1)
         if len(trail) > 1:
-            self._trail.vertices = ribbon(trail, 2 * LIFT)[0].astype(np.float32)
+            self._trail.vertices = ribbon(trail, 2 * LIFT)[0]
 
     def _show_arm(self, visible: bool) -> None:
         for drawing in (self._rods, self._drawn_meshes):
@@ -314,18 +311,17 @@ class Figure:
     def _draw_cable(self, nodes: Array) -> None:
         vertices, faces = tube(nodes, self._setup.cable.radius)
         if self._cable is not None and self._node_count == len(nodes):
-            self._cable.vertices = vertices.astype(np.float32)
+            self._cable.vertices = vertices
             return
         self._node_count = len(nodes)
         self._cable = self._server.scene.add_mesh_simple(
             f"{self._name}/cable",
-            vertices.astype(np.float32),
+            vertices,
             faces,
             color=self._color,
             opacity=self._opacity,
             side="double",
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
 
     @property
@@ -367,12 +363,11 @@ class Table:
         corners = _GROUND * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
         ground = self._server.scene.add_mesh_simple(
             "/room/ground",
-            corners.astype(np.float32),
-            np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32),
+            corners,
+            np.array([[0, 1, 2], [0, 2, 3]]),
             opacity=0.0,
             position=(0.0, 0.0, -2 * _THICKNESS),
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
         ground.on_click(action)
 
@@ -475,17 +470,12 @@ class Table:
             format="png",
             wxyz=_FLAT,
             position=(0.0, (table.y_min + table.y_max) / 2, LIFT / 2),
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
 
     def _lines(self, name: str, segments: Array, color: Color, thickness: float) -> None:
         self._server.scene.add_line_segments(
-            name,
-            segments.astype(np.float32),
-            color,
-            thickness=thickness,
-            thickness_units="screen",
+            name, segments, color, thickness=thickness, thickness_units="screen"
         )
 
     def _text(
@@ -507,8 +497,7 @@ class Table:
             format="png",
             wxyz=_FLAT,
             position=position,
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
 
 

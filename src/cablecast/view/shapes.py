@@ -112,7 +112,7 @@ def gripper_rods(q: ArrayLike, arm: Arm) -> Rods:
     return Rods(starts=rods.starts[-count:], ends=rods.ends[-count:], radii=rods.radii[-count:])
 
 
-def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.uint32]]:
+def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.integer]]:
     """Return the cable as one mesh, drawn at least visibly thick.
 
     A browser moves the vertices of one mesh with far less work than a row of rods.
@@ -139,13 +139,8 @@ def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.uint32]]:
     here, there = node * _TUBE_SIDES + corner, (node + 1) * _TUBE_SIDES + corner
     after = (corner + 1) % _TUBE_SIDES
     here_next, there_next = node * _TUBE_SIDES + after, (node + 1) * _TUBE_SIDES + after
-    faces = np.concatenate(
-        [
-            np.stack([here, there, here_next], axis=-1).reshape(-1, 3),
-            np.stack([here_next, there, there_next], axis=-1).reshape(-1, 3),
-        ]
-    )
-    return vertices, faces.astype(np.uint32)
+    corners = [here, there, here_next, here_next, there, there_next]
+    return vertices, np.stack(corners, axis=-1).reshape(-1, 3)
 
 
 def thinned(points: Array, whole_count: int) -> Array:
@@ -157,7 +152,7 @@ def thinned(points: Array, whole_count: int) -> Array:
     return points if len(points) < 2 else np.concatenate([points[:-1:step], points[-1:]])
 
 
-def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.uint32]]:
+def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.integer]]:
     """Return a path on the table as a flat mesh that always has the same number of vertices.
 
     Args:
@@ -175,8 +170,7 @@ def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.uint32]]:
     edges = [np.concatenate([edge, np.repeat(xy[-1:], more, 0)]) for edge in (xy + side, xy - side)]
     vertices = level(np.stack(edges, axis=1).reshape(-1, 2), height)
     left = 2 * np.arange(TRAIL_COUNT - 1)[:, None]
-    faces = np.concatenate([left + [0, 1, 2], left + [1, 3, 2]])
-    return vertices, faces.astype(np.uint32)
+    return vertices, np.concatenate([left + [0, 1, 2], left + [1, 3, 2]])
 
 
 def level(xy: Array, height: float) -> Array:
