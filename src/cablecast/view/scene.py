@@ -23,6 +23,7 @@ from cablecast.view.shapes import (
     ARM,
     BLUE,
     GREEN,
+    GREY,
     INK,
     JOINT,
     PURPLE,
@@ -71,7 +72,6 @@ FIGURE_COLORS: dict[str, Color] = {
 
 _PLAN_OPACITY = 0.5
 _REST_OPACITY = 0.25
-_EARLIER = (123, 135, 148)  # Colour of the landings before the last.
 _TEXT_HEIGHT = 0.07  # Of the text at a landing [m].
 _TEXT_AWAY = 0.1  # Distance of that text from the landing [m].
 _TEXT_ROOM = np.array([0.22, 0.08])  # Nearer to the last text, an earlier number is left out [m].
@@ -440,7 +440,7 @@ class Table:
                 continue
             name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
             x, y = map(float, one.final_xy)
-            color = INK if is_last else _EARLIER
+            color = INK if is_last else GREY
             self._server.scene.add_icosphere(
                 f"{name}/ball", 0.014, color, position=(x, y, 0.012), cast_shadow=False
             )

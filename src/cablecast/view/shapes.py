@@ -20,6 +20,7 @@ GREEN: Color = (0, 158, 115)
 PURPLE: Color = (204, 121, 167)
 SKY: Color = (86, 180, 233)
 INK: Color = (31, 41, 51)
+GREY: Color = (123, 135, 148)
 SLATE: Color = (71, 85, 105)
 WHITE: Color = (255, 255, 255)
 TABLE: Color = (226, 214, 194)
@@ -60,30 +61,28 @@ class Rods:
     """Rounded rods.
 
     Attributes:
-        starts: One end of each rod's axis [m], shape [rod, 3].
-        ends: Other end [m], shape [rod, 3].
+        ends: Both ends of each rod's axis [m], shape [rod, 2, 3].
         radii: Radius [m], shape [rod].
     """
 
-    starts: Array
     ends: Array
     radii: Array
 
     @property
     def scales(self) -> Array:
         """Scales of a unit cylinder along z, shape [rod, 3]."""
-        length = np.linalg.norm(self.ends - self.starts, axis=1)
+        length = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1)
         return np.stack([self.radii, self.radii, np.maximum(length, 1e-4)], axis=1)
 
     @property
     def centers(self) -> Array:
         """Centres of the rods [m], shape [rod, 3]."""
-        return (self.starts + self.ends) / 2
+        return self.ends.mean(axis=1)
 
     @property
     def quats_wxyz(self) -> Array:
         """Rotations of a cylinder along z onto the rods, shape [rod, 4]."""
-        along = self.ends - self.starts
+        along = self.ends[:, 1] - self.ends[:, 0]
         length = np.linalg.norm(along, axis=1, keepdims=True)
         up = np.array([0.0, 0.0, 1.0])
         u = np.where(length > 1e-9, along / np.maximum(length, 1e-9), up)
@@ -96,20 +95,20 @@ class Rods:
     @property
     def joints(self) -> tuple[Array, Array]:
         """Balls that round the rods off: centres [m] and radii [m], shapes [ball, 3], [ball]."""
-        centers = np.concatenate([self.starts[:1], self.ends])
+        centers = np.concatenate([self.ends[:1, 0], self.ends[:, 1]])
         return centers, _BALL_SHARE * np.concatenate([self.radii[:1], self.radii])
 
 
 def arm_rods(q: ArrayLike, arm: Arm) -> Rods:
     """Return arm and gripper at joint angles [rad], shape [joint]."""
     shape = arm_shape(np.asarray(q, dtype=float)[None], arm)
-    return Rods(starts=shape.ends[0, :, 0], ends=shape.ends[0, :, 1], radii=shape.radii)
+    return Rods(ends=shape.ends[0], radii=shape.radii)
 
 
 def gripper_rods(q: ArrayLike, arm: Arm) -> Rods:
     """Return the gripper alone at joint angles [rad], shape [joint]."""
-    rods, count = arm_rods(q, arm), GRIPPER_ROD_COUNT
-    return Rods(starts=rods.starts[-count:], ends=rods.ends[-count:], radii=rods.radii[-count:])
+    rods = arm_rods(q, arm)
+    return Rods(ends=rods.ends[-GRIPPER_ROD_COUNT:], radii=rods.radii[-GRIPPER_ROD_COUNT:])
 
 
 def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.integer]]:
