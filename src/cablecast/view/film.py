@@ -157,7 +157,7 @@ class Painter:
         self._view = camera_behind_robot(setup, _SAMPLES * width, _SAMPLES * height)
         self._backdrop = self._painted_backdrop()
 
-    def frame(self, shot: Shot, time: float, tries: list[Shot] | None = None) -> Image.Image:
+    def frame(self, shot: Shot, time: float, tries: Sequence[Shot] = ()) -> Image.Image:
         """Return the picture of a cast at a time.
 
         Args:
@@ -170,19 +170,17 @@ class Painter:
         if shot.target_xy is not None:
             for segment in target_marks(shot.target_xy, 0.0):
                 self._line(pen, segment, VERMILLION, 1.6)
-        for earlier in tries or []:
+        for earlier in tries:
             self._dot(pen, np.append(earlier.cast.endpoint_xy[-1], 0.01), 0.012, GREY)
         if len(trail := shot.cast.trail(time)) > 1:
             self._line(pen, level(trail, 0.002), (*BLUE, 110), 1.2)
         nodes, q = shot.cast.nodes_at(time), shot.cast.joints_at(time)
         self._cast_shadow(image, nodes, q)
-        if shot.other is not None:
-            ghost = shot.other.nodes_at(time)
-            if ghost is not None:
-                self._cable(pen, ghost, PURPLE, thin=True)
+        if shot.other is not None and (ghost := shot.other.nodes_at(time)) is not None:
+            self._cable(pen, ghost, PURPLE, thin=True)
         if nodes is not None:
             self._cable(pen, nodes, BLUE)
-        tip = nodes[-1] if nodes is not None else np.append(shot.cast.endpoint_at(time), 0.01)
+        tip = shot.cast.tip_at(time)
         if np.all(np.isfinite(tip)):
             self._dot(pen, tip, 0.016, BLUE)
         if q is not None:

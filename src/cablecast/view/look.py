@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import math
 import os
 import pathlib
 from collections.abc import Sequence
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 FRAME_DT = 0.02
 """Interval of the shapes that are drawn [s]: half of the time between two pictures on a screen that
 shows 25 a second, so that slow motion is smooth, too."""
+
+_TIP_HEIGHT = 0.01  # At which a free end is drawn whose height nobody saw [m].
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,9 +113,12 @@ class ShownCast:
         shape = self._between(self.nodes, time)
         return shape if np.all(np.isfinite(shape)) else None
 
-    def endpoint_at(self, time: float) -> Array:
-        """Return the free end at a time [s], shape [2]; NaN where it was not seen."""
-        return self._between(self.endpoint_xy, time)
+    def tip_at(self, time: float) -> Array:
+        """Return the free end at a time [m], shape [3]; NaN where it was not seen."""
+        nodes = self.nodes_at(time)
+        if nodes is not None:
+            return nodes[-1]
+        return np.append(self._between(self.endpoint_xy, time), _TIP_HEIGHT)
 
     def joints_at(self, time: float) -> Array | None:
         """Return the joint angles at a time [rad], shape [joint]; None for a rig without joints."""
@@ -125,13 +131,10 @@ class ShownCast:
 
     def _between(self, values: Array, time: float) -> Array:
         """Return the value at a time, between the steps before and after it."""
-        last = len(self.times) - 1
-        time = float(np.clip(time, 0.0, self.duration))
-        step = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, last))
-        if step == last:
-            return values[last]
-        part = (time - self.times[step]) / (self.times[step + 1] - self.times[step])
-        return (1.0 - part) * values[step] + part * values[step + 1]
+        place = float(np.interp(time, self.times, np.arange(len(self.times))))
+        before, after = math.floor(place), math.ceil(place)
+        part = place - before
+        return (1.0 - part) * values[before] + part * values[after]
 
 
 def _smooth(times: Array, values: Array, at: Array) -> Array:

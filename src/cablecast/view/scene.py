@@ -273,7 +273,7 @@ class Figure:
             self._draw_cable(nodes)
         if self._cable is not None:
             update(self._cable, visible=nodes is not None)
-        tip = nodes[-1] if nodes is not None else np.append(cast.endpoint_at(time), 0.01)
+        tip = cast.tip_at(time)
         update(self._tip, visible=bool(np.all(np.isfinite(tip))))
         if self._tip.visible:
             self._tip.position = tip
