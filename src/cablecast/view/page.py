@@ -113,16 +113,13 @@ class Page:
         self.desk, self.worker, self._prepare = desk, worker, prepare
         self._folder = folder
         self._lock = threading.RLock()
-        self._show_time: Callable[[float], None] = lambda time: None
         self.server = start_server(host, port)
         gui: Any = self.server.gui
         gui.add_html(PHONE_STYLE)
         gui.set_panel_label("cablecast")
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BLUE)
         gui.main_panel.dock_right()
-        self.stage = Stage(
-            self.server, desk.setup, lambda time: self._show_time(time), rate=rate, meshes=meshes
-        )
+        self.stage = Stage(self.server, desk.setup, rate=rate, meshes=meshes)
         camera = self.server.initial_camera
         camera.position, camera.look_at, camera.fov = viewpoint(desk.setup, WIDE)
         self._refreshers: list[Callable[[], None]] = []
@@ -139,7 +136,6 @@ class Page:
         self._add_view(gui)
         if hasattr(desk.rig, "picture"):
             self._add_camera(gui)
-        self._rest: ShownCast | None = None
         self._map_is_shown = False
         # Not the scene's own clicks: those leave out taps of a finger.
         self.stage.table.on_click(self._clicked)
@@ -275,23 +271,22 @@ class Page:
             self.stage.show({"measured": shown}, shown.duration)
         elif preview is not None:
             self.stage.show({"measured": preview.cast}, 0.0)
-        elif (rest := self._resting()) is not None:
-            self.stage.show({"measured": rest}, 0.0)
+        elif self._resting is not None:
+            self.stage.show({"measured": self._resting}, 0.0)
 
     def _mark(self, target_xy: NDArray[np.float64]) -> None:
         """Draw a target and the landings of the tries at it."""
         self.stage.table.target(target_xy)
         self.stage.table.landings(self.desk.tries_at(target_xy))
 
+    @functools.cached_property
     def _resting(self) -> ShownCast | None:
-        """Return the arm and the cable after a reset."""
-        if self._rest is None:
-            action = Action(theta1=np.radians(-30), theta2=np.radians(20), r2=0.6)
-            try:
-                self._rest = self.desk.simulate(plan_trajectory(action, self.desk.setup))
-            except CablecastError:
-                return None
-        return self._rest
+        """The arm and the cable after a reset; None where no motion starts there."""
+        action = Action(theta1=np.radians(-30), theta2=np.radians(20), r2=0.6)
+        try:
+            return self.desk.simulate(plan_trajectory(action, self.desk.setup))
+        except CablecastError:
+            return None
 
     def _show_plan(self, preview: Preview) -> None:
         self._mark(preview.proposal.target_xy)
@@ -360,26 +355,24 @@ class Page:
         """Add target, plan, cast, correct, undo, and the tries so far."""
         desk, worker = self.desk, self.worker
         status = gui.add_markdown("")
+
+        def cast_seen(event: Any) -> None:
+            self._confirm(event, functools.partial(self.cast, desk.preview))
+
+        def correct_seen(event: Any) -> None:
+            self._confirm(event, functools.partial(self.correct, desk.last))
+
         make = gui.add_button("Get ready", color="blue", icon="wand")
         make.on_click(lambda event: self._confirm(event, self.prepare))
         cast = gui.add_button("Cast", color="blue", icon="player-play-filled")
-        cast.on_click(
-            lambda event: self._confirm(event, functools.partial(self.cast, desk.preview))
-        )
+        cast.on_click(cast_seen)
         correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
-        correct.on_click(
-            lambda event: self._confirm(event, functools.partial(self.correct, desk.last))
-        )
+        correct.on_click(correct_seen)
         other = gui.add_button("Another target", color="blue", icon="target")
         other.on_click(lambda _: self.guard(lambda: self.aim(desk.other_target())))
         anyway = gui.add_button("Cast all the same", color=SLATE)
         anyway.on_click(
-            lambda event: self._confirm(
-                event,
-                functools.partial(self.cast, desk.preview)
-                if desk.phase is Phase.PLANNED
-                else functools.partial(self.correct, desk.last),
-            )
+            lambda event: (cast_seen if desk.phase is Phase.PLANNED else correct_seen)(event)
         )
         stop = gui.add_button("Stop", color="red", icon="hand-stop")
         stop.on_click(lambda _: worker.stop())
@@ -508,7 +501,7 @@ class Page:
                 slider.max = round(duration, 2)
             update(slider, value=round(min(time, duration), 2))
 
-        self._show_time = show_time
+        player.on_frame = show_time
 
     def _add_view(self, gui: Any) -> None:
         """Add the map of expected misses."""

@@ -511,7 +511,6 @@ class Player:
     """Plays casts side by side in a thread of its own, and hides figures that no longer play.
 
     Args:
-        on_frame: Called with the time [s] at every frame, e.g. to move a slider.
         rate: Frames a second [1/s].
         pause: Time that the end of a cast is shown before the next round [s].
 
@@ -520,20 +519,15 @@ class Player:
         speed: Shown seconds per second.
         playing: True while the time runs.
         frame_count: Number of frames shown so far.
+        on_frame: Called with the time [s] at every frame, e.g. to move a slider.
     """
 
-    def __init__(
-        self,
-        on_frame: Callable[[float], None] | None = None,
-        *,
-        rate: float = 25.0,
-        pause: float = 0.8,
-    ):
+    def __init__(self, *, rate: float = 25.0, pause: float = 0.8):
         self.time = 0.0
         self.speed = 1.0
         self.playing = False
         self.frame_count = 0
-        self._on_frame = on_frame or (lambda time: None)
+        self.on_frame: Callable[[float], None] = lambda time: None
         self._rate, self._pause = rate, pause
         self._acts: list[tuple[Any, ShownCast]] = []
         self._rounds = 1
@@ -614,7 +608,7 @@ class Player:
         for figure, cast in self._acts:
             figure.show(cast, self.time)
         self.frame_count += 1
-        self._on_frame(self.time)
+        self.on_frame(self.time)
 
     def _run(self) -> None:
         before = time.monotonic()
@@ -659,14 +653,13 @@ class Stage:
         self,
         server: "viser.ViserServer",
         setup: Setup,
-        on_frame: Callable[[float], None],
         *,
         rate: float,
         meshes: ArmMeshes | None,
     ):
         self._server, self._setup, self._meshes = server, setup, meshes
         self.table = Table(server, setup)
-        self.player = Player(on_frame, rate=rate)
+        self.player = Player(rate=rate)
         self.figures: dict[str, Figure] = {}
 
     def play(
