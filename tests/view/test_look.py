@@ -13,7 +13,6 @@ from cablecast.pipeline.evaluate import CASTS_FOLDER
 from cablecast.runs.folder import METRICS_FILE
 from cablecast.setup import Setup
 from cablecast.tuning.tuned import PARAMS_FILE, write_params
-from cablecast.view.desk import Desk
 from cablecast.view.look import open_collection
 from cablecast.view.page import slid_params
 
@@ -41,11 +40,10 @@ def test_an_evaluation_knows_its_targets(own, policy, engine, tmp_path):
     assert found.shot(0, engine).result.endswith("% of the cable's length off")
 
 
-def test_a_session_of_aim_is_shown_with_its_tries(rig, engine, policy, tmp_path):
-    desk = Desk(rig, engine, session=AimSession(policy, out=tmp_path / "session"))
-    desk.aim(TARGETS[0])
-    desk.cast()
-    desk.cast()
+def test_a_session_of_aim_is_shown_with_its_tries(open_desk, policy, tmp_path):
+    desk = open_desk(AimSession(policy, out=tmp_path / "session"))
+    desk.cast(desk.aim(TARGETS[0]))
+    desk.cast(desk.correct())
     found = open_collection(tmp_path)
     assert found.labels[1] == "cast 1 at 1.19 m, 15°, try 2"
     assert found.measured(1).nodes is not None
@@ -72,12 +70,11 @@ def test_a_tuning_result_is_shown_over_the_casts_that_it_was_fitted_to(rig, engi
 
 
 def test_the_newest_fit_of_a_session_is_shown_and_none_of_another_cable(
-    rig, engine, policy, tmp_path
+    open_desk, policy, tmp_path
 ):
     session = tmp_path / "aim"
-    desk = Desk(rig, engine, session=AimSession(policy, out=session / "session"))
-    desk.aim(TARGETS[0])
-    desk.cast()
+    desk = open_desk(AimSession(policy, out=session / "session"))
+    desk.cast(desk.aim(TARGETS[0]))
     masses = {"tune": 0.03, "fits/00005-00000/tune": 0.04, "fits/00015-00000/tune": 0.05}
     for name, mass in masses.items():
         params = dataclasses.replace(Setup().cable.params, mass=mass)
