@@ -205,6 +205,11 @@ class Collection:
         servo = None if self.tuned is None else self.tuned.servo
         return Dynamics(params=self.setup.cable.params, servo=servo)
 
+    @property
+    def fitted(self) -> Dynamics:
+        """Cable as it was fitted, or else as it is believed to be."""
+        return self.tuned or self.believed
+
     def measured(self, index: int) -> ShownCast | None:
         """Return a cast as it was seen; None where nobody looked."""
         check_count("cast", index, 0, len(self) - 1)
@@ -212,14 +217,14 @@ class Collection:
             return None
         return ShownCast.of_cast(dataset_cast(self.dataset, index))
 
-    def simulated(self, index: int, engine: Engine, dynamics: Dynamics | None = None) -> ShownCast:
-        """Return a cast as it is simulated, with the `believed` dynamics where None are given."""
+    def simulated(self, index: int, engine: Engine, dynamics: Dynamics) -> ShownCast:
+        """Return a cast as it is simulated with the dynamics of a cable."""
         check_count("cast", index, 0, len(self) - 1)
         action = self.dataset.actions[index]
         if not np.all(np.isfinite(action)):
             raise InputError(f"no action describes the motion of cast {index}")
         motion = plan_trajectory(Action.from_array(action), self.setup)
-        return ShownCast.simulated(motion, self.setup, engine, dynamics or self.believed)
+        return ShownCast.simulated(motion, self.setup, engine, dynamics)
 
     def shot(self, index: int, engine: Engine) -> Shot:
         """Return a cast to be filmed: as it was seen, beside the simulator."""
@@ -227,11 +232,11 @@ class Collection:
         target, label = self.target_xy[index], self.labels[index]
         target_xy = target if np.all(np.isfinite(target)) else None
         if measured is None:
-            simulated = self.simulated(index, engine, self.tuned)
+            simulated = self.simulated(index, engine, self.fitted)
             return Shot(cast=simulated, target_xy=target_xy, caption=label, result=label)
         simulated, result = None, label
         if np.all(np.isfinite(self.dataset.actions[index])):
-            simulated = self.simulated(index, engine, self.tuned)
+            simulated = self.simulated(index, engine, self.fitted)
         if target_xy is not None and self.dataset.status[index] == TrialStatus.OK.code:
             miss = float(np.linalg.norm(self.dataset.endpoint_xy[index] - target))
             result += f": {100 * miss / self.setup.cable.length:.1f} % of the cable's length off"

@@ -29,13 +29,13 @@ from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.film import KINDS, FilmConfig, write_film
 from cablecast.view.look import Collection, ShownCast, open_collection
-from cablecast.view.scene import FIGURE_COLORS, Stage, start_server, stop_server, update
+from cablecast.view.scene import Stage, start_server, stop_server, update
 from cablecast.view.shapes import BLUE, SLATE, miss_map, viewpoint
 from cablecast.view.words import (
     legend_text,
+    motions_text,
     plan_text,
     status_text,
-    swatch,
     tour_text,
     tries_text,
     try_name,
@@ -643,8 +643,6 @@ class LookTab:
 
     def tick(self, kind: str, on: bool) -> None:
         """Show one kind of motion of the cast, or hide it."""
-        if self._collection is None:
-            return
         self.shown.pop(kind, None)
         if on:
             self._make(kind)
@@ -660,23 +658,21 @@ class LookTab:
 
     def _make(self, kind: str) -> None:
         """Compute one kind of motion of the cast; nothing where it was not seen."""
-        collection, index, engine = self._need(), self._index, self._page.desk.engine
-        tuned = collection.tuned or collection.believed
-        if kind == "measured":
-            cast = collection.measured(index)
+        collection, engine = self._need(), self._page.desk.engine
+        dynamics = collection.believed if kind == "believed" else collection.fitted
+        if kind == "sliders":
+            exponents = {name: float(slider.value) for name, slider in self._sliders.items()}
+            dynamics = dynamics.with_params(slid_params(dynamics.params, exponents))
         elif kind == "MuJoCo":
             from cablecast.engines.mujoco_ import EngineMujoco
 
+            engine = EngineMujoco()
             # MuJoCo's cable has no material beside the ten parameters.
-            plain = tuned.with_params(tuned.params.without_material())
-            cast = collection.simulated(index, EngineMujoco(), plain)
-        elif kind == "sliders":
-            exponents = {name: float(slider.value) for name, slider in self._sliders.items()}
-            slid = tuned.with_params(slid_params(tuned.params, exponents))
-            cast = collection.simulated(index, engine, slid)
+            dynamics = dynamics.with_params(dynamics.params.without_material())
+        if kind == "measured":
+            cast = collection.measured(self._index)
         else:
-            dynamics = collection.tuned if kind == "tuned" else collection.believed
-            cast = collection.simulated(index, engine, dynamics)
+            cast = collection.simulated(self._index, engine, dynamics)
         if cast is not None:
             self.shown[kind] = cast
 
@@ -689,8 +685,7 @@ class LookTab:
         while True:
             self._slid.wait()
             self._slid.clear()
-            if self._collection is not None:
-                self._page.guard(self.slide)
+            self._page.guard(self.slide)
 
     def slide(self) -> None:
         """Show the cast with the parameters of the sliders, at rest."""
@@ -707,18 +702,7 @@ class LookTab:
         self._describe()
 
     def _describe(self) -> None:
-        """Say which colour is which, and how far each ends from the measured cast."""
-        length = self._need().setup.cable.length
-        ends = {kind: cast.endpoint_xy[-1] for kind, cast in self.shown.items()}
-        lines = ["| motion | ends at | from measured |", "|---|---|---|"]
-        for kind, end in ends.items():
-            apart, seen = "", np.all(np.isfinite([end, ends.get("measured", end)]))
-            if "measured" in ends and kind != "measured" and seen:
-                apart = f"{100 * float(np.linalg.norm(end - ends['measured'])) / length:.1f} %"
-            color = swatch(FIGURE_COLORS[kind])
-            place = f"{end[0]:.2f}, {end[1]:.2f} m" if np.all(np.isfinite(end)) else "not seen"
-            lines.append(f"| {color} {kind} | {place} | {apart} |")
-        update(self._text, content="\n".join(lines))
+        update(self._text, content=motions_text(self.shown, self._need().setup.cable.length))
 
     def _need(self) -> Collection:
         if self._collection is None:
