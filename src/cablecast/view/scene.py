@@ -188,10 +188,10 @@ class RodsDrawing:
 
     def move(self, rods: Rods) -> None:
         """Move as many rods of the same radii."""
-        self._rods.batched_wxyzs = rods.quats_wxyz
-        self._rods.batched_positions = rods.centers
-        self._rods.batched_scales = rods.scales
-        self._balls.batched_positions = rods.joints[0]
+        self._rods.batched_wxyzs = rods.quats_wxyz.astype(np.float32)
+        self._rods.batched_positions = rods.centers.astype(np.float32)
+        self._rods.batched_scales = rods.scales.astype(np.float32)
+        self._balls.batched_positions = rods.joints[0].astype(np.float32)
 
     def show(self, visible: bool, opacity: float | None) -> None:
         """Show them with an opacity, None for solid ones, or hide them."""
@@ -280,7 +280,7 @@ class Figure:
         trail = thinned(cast.trail(time), len(cast.times))
         update(self._trail, visible=len(trail) > 1)
         if len(trail) > 1:
-            self._trail.vertices = ribbon(trail, 2 * LIFT)[0]
+            self._trail.vertices = ribbon(trail, 2 * LIFT)[0].astype(np.float32)
 
     def _show_arm(self, visible: bool) -> None:
         for drawing in (self._rods, self._drawn_meshes):
