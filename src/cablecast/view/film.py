@@ -93,7 +93,7 @@ def write_film(
     path: pathlib.Path,
     setup: Setup,
     shots: Sequence[Shot],
-    config: FilmConfig | None = None,
+    config: FilmConfig,
     progress: ProgressCallback = ignore,
 ) -> None:
     """Write casts, one after another, as one file.
@@ -113,7 +113,6 @@ def write_film(
     if kind not in KINDS:
         raise InputError(f"{path} ends in {kind!r}: a film ends in one of {', '.join(KINDS)}")
     check_count("casts to film", len(shots), 1, _CAST_COUNT_MAX)
-    config = config or FilmConfig()
     if kind == ".html":
         write_text(path, film_html(setup, shots, config, progress))
         return
@@ -295,10 +294,7 @@ def _lit(color: Color, light: float) -> Color:
 
 
 def film_frames(
-    setup: Setup,
-    shots: Sequence[Shot],
-    config: FilmConfig,
-    progress: ProgressCallback = ignore,
+    setup: Setup, shots: Sequence[Shot], config: FilmConfig, progress: ProgressCallback
 ) -> Iterator[Image.Image]:
     """Yield the pictures of a film; see `write_film`."""
     painter = Painter(setup, config.width, config.height)
@@ -359,10 +355,7 @@ def gif_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
 
 
 def film_html(
-    setup: Setup,
-    shots: Sequence[Shot],
-    config: FilmConfig,
-    progress: ProgressCallback = ignore,
+    setup: Setup, shots: Sequence[Shot], config: FilmConfig, progress: ProgressCallback
 ) -> str:
     """Return casts as one HTML file that holds all that it needs: to turn, zoom and play.
 
