@@ -7,10 +7,9 @@ from cablecast.aiming.session import AimSession
 from cablecast.data.dataset import read_dataset
 from cablecast.errors import DatasetError, InputError
 from cablecast.evaluation.evaluate import evaluate_policy
-from cablecast.files import write_json
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import CASTS_FOLDER
-from cablecast.runs.folder import METRICS_FILE
+from cablecast.runs.folder import Parts
 from cablecast.setup import Setup
 from cablecast.tuning.tuned import PARAMS_FILE, write_params
 from cablecast.view.look import open_collection
@@ -53,7 +52,7 @@ def test_a_session_of_aim_is_shown_with_its_tries(open_desk, policy, tmp_path):
 def write_tuning(folder, params, fingerprint):
     values = {"cable": Setup().cable.name, "params": params.to_dict()}
     write_params(folder / PARAMS_FILE, values)
-    write_json(folder / METRICS_FILE, {"dataset_fingerprint": fingerprint})
+    Parts(folder).put("metrics", {"dataset_fingerprint": fingerprint})
 
 
 def test_a_tuning_result_is_shown_over_the_casts_that_it_was_fitted_to(rig, engine, tmp_path):

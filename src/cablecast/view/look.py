@@ -18,12 +18,11 @@ from cablecast.data.store import CastStore, dataset_cast
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import DatasetError, InputError, check_count
-from cablecast.files import read_json
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at, plan_trajectory
 from cablecast.pipeline.aim import FITS_FOLDER, SESSION_FOLDER
 from cablecast.pipeline.evaluate import CASTS_FOLDER
-from cablecast.runs.folder import CONFIG_FILE, METRICS_FILE, RunFolder
+from cablecast.runs.folder import Parts, RunFolder
 from cablecast.runs.places import TUNE_FOLDER
 from cablecast.setup import SECTIONS, Setup
 from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
@@ -261,8 +260,8 @@ def open_collection(folder: str | os.PathLike[str]) -> Collection:
     for place in (path, path / CASTS_FOLDER):
         if (place / INFO_PATH).exists():
             return _of_dataset(place)
-    if (path / SESSION_FOLDER / CONFIG_FILE).exists():
-        return _of_session(path)
+    if (run := RunFolder.read(path / SESSION_FOLDER)) is not None:
+        return _of_session(path, run)
     if (path / PARAMS_FILE).exists():
         return _of_tuning(path)
     raise DatasetError(
@@ -282,11 +281,9 @@ def _of_dataset(path: pathlib.Path) -> Collection:
     return _collection(dataset.setup, dataset, path, targets, [0] * count)
 
 
-def _of_session(path: pathlib.Path) -> Collection:
-    run = RunFolder.read(path / SESSION_FOLDER)
-    settings = {} if run is None else run.settings
-    setup = Setup.from_dict({name: settings.get(name, {}) for name in SECTIONS})
-    store = CastStore(setup, path / SESSION_FOLDER)
+def _of_session(path: pathlib.Path, run: RunFolder) -> Collection:
+    setup = Setup.from_dict({name: run.settings.get(name, {}) for name in SECTIONS})
+    store = CastStore(setup, run.path)
     targets = np.array([cast.target_xy for cast in store.casts]).reshape(-1, 2)
     tries = [cast.try_number for cast in store.casts]
     return _collection(setup, store.dataset(range(len(store))), path, targets, tries)
@@ -294,8 +291,7 @@ def _of_session(path: pathlib.Path) -> Collection:
 
 def _of_tuning(path: pathlib.Path) -> Collection:
     """Return the casts that parameters were fitted to, which lie beside the result."""
-    metrics = read_json(path / METRICS_FILE) if (path / METRICS_FILE).exists() else {}
-    fingerprint = metrics.get("dataset_fingerprint", "")
+    fingerprint = (Parts(path).get("metrics") or {}).get("dataset_fingerprint", "")
     for place in sorted(path.resolve().parent.iterdir()):
         if (place / INFO_PATH).exists() and read_info(place).get("fingerprint") == fingerprint:
             found = _of_dataset(place)
