@@ -388,7 +388,6 @@ def _cards(results: Reproduction) -> list[dict[str, str]]:
         cards.append(
             {
                 "value": pct(metrics["errors_pct"]["median_pct"]),
-                "unit": "%",
                 "text": f"median error with {cable}, in % of its length{beside}",
             }
         )
