@@ -11,6 +11,7 @@ from cablecast.view.shapes import (
     arm_rods,
     hatched_circle,
     map_image,
+    map_targets,
     miss_map,
     ribbon,
     text_image,
@@ -59,7 +60,7 @@ def test_a_thin_cable_is_drawn_as_a_tube_that_can_be_seen():
 
 
 def test_the_map_knows_the_reach_and_the_misses(policy):
-    xy, miss = miss_map(policy, step=0.1)
+    xy, miss = map_targets(policy.setup.workspace), miss_map(policy)
     radius = np.hypot(xy[..., 0], xy[..., 1])
     reach = policy.setup.workspace.reach(policy.setup.cable.length)
     assert np.array_equal(np.isfinite(miss), radius <= reach)

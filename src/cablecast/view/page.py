@@ -231,7 +231,7 @@ class Page:
         if visible:
             if self.desk.session is None:
                 raise InputError("no model predicts yet where casts land: get ready first")
-            miss = miss_map(self.desk.session.model.policy)[1]
+            miss = miss_map(self.desk.session.model.policy)
         self.stage.table.show_map(miss)
         self._map_is_shown = visible
 

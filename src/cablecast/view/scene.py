@@ -239,7 +239,6 @@ class Figure:
         self._rods: RodsDrawing | None = None
         self._drawn_meshes: MeshesDrawing | None = None
         self._cable: Any = None
-        self._node_count = 0
         self._visible = True
         self._trail = server.scene.add_mesh_simple(
             f"{name}/trail",
@@ -310,10 +309,9 @@ class Figure:
 
     def _draw_cable(self, nodes: Array) -> None:
         vertices, faces = tube(nodes, self._setup.cable.radius)
-        if self._cable is not None and self._node_count == len(nodes):
+        if self._cable is not None and len(self._cable.vertices) == len(vertices):
             self._cable.vertices = vertices
             return
-        self._node_count = len(nodes)
         self._cable = self._server.scene.add_mesh_simple(
             f"{self._name}/cable",
             vertices,

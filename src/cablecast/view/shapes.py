@@ -9,6 +9,7 @@ from cablecast.arm.base import Arm
 from cablecast.arm.shape import GRIPPER_ROD_COUNT, arm_shape
 from cablecast.learning.policy import Policy
 from cablecast.setup import Setup
+from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
 Color = tuple[int, int, int]
@@ -173,8 +174,8 @@ def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.integer]]:
 
 
 def level(xy: Array, height: float) -> Array:
-    """Return points on the table [m] at a height [m], shape [point, 3]."""
-    return np.concatenate([xy, np.full((len(xy), 1), height)], axis=1)
+    """Return points on the table [m], shape [..., 2], at a height [m], shape [..., 3]."""
+    return np.concatenate([xy, np.full_like(xy[..., :1], height)], axis=-1)
 
 
 def polyline(points: Array) -> Array:
@@ -200,14 +201,13 @@ def hatched_circle(center_xy: ArrayLike, radius: float, height: float) -> Array:
     along = np.array([1.0, -1.0]) / np.sqrt(2.0)
     middles = center + away[:, None] * across
     ends = np.stack([middles - half[:, None] * along, middles + half[:, None] * along], axis=1)
-    lines = level(ends.reshape(-1, 2), height).reshape(-1, 2, 3)
-    return np.concatenate([circle(center_xy, radius, height), lines])
+    return np.concatenate([circle(center, radius, height), level(ends, height)])
 
 
 def target_marks(xy: Array, height: float) -> Array:
     """Return two rings and a cross at a target [m], shape [segment, 2, 3]."""
     arm = np.array([[[0.06, 0.0]], [[0.0, 0.06]]])
-    cross = level((xy + arm * [[-1.0], [1.0]]).reshape(-1, 2), height).reshape(2, 2, 3)
+    cross = level(xy + arm * [[-1.0], [1.0]], height)
     return np.concatenate([circle(xy, 0.02, height), circle(xy, 0.045, height), cross])
 
 
@@ -262,30 +262,26 @@ def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float
     return look_at + away * np.array([0.0, -cos, sin]), look_at, float(_FOV)
 
 
-def miss_map(policy: Policy, step: float = _MAP_STEP) -> tuple[Array, Array]:
-    """Return how far casts of a policy are expected to miss, over the whole table.
+def map_targets(table: Workspace) -> Array:
+    """Return the targets of the map, all over the table [m], shape [row, column, 2]."""
+    x = np.arange(-table.half_width + _MAP_STEP / 2, table.half_width, _MAP_STEP)
+    y = np.arange(table.y_min + _MAP_STEP / 2, table.y_max, _MAP_STEP)
+    return np.stack(np.meshgrid(x, y), axis=-1)
 
-    Args:
-        policy: Policy.
-        step: Distance of the targets [m].
 
-    Returns:
-        Targets [m], shape [row, column, 2], and expected misses [m], shape [row, column]: the
-        prediction's, and the shift for errors of the action of one degree and one centimetre;
-        NaN out of reach.
+def miss_map(policy: Policy) -> Array:
+    """Return how far casts of a policy are expected to miss `map_targets` [m], [row, column].
+
+    That is the prediction's miss, and the shift for errors of the action of one degree and one
+    centimetre; NaN out of reach.
     """
-    setup = policy.setup
-    table = setup.workspace
-    x = np.arange(-table.half_width + step / 2, table.half_width, step)
-    y = np.arange(table.y_min + step / 2, table.y_max, step)
-    xy = np.stack(np.meshgrid(x, y), axis=-1)
-    flat = xy.reshape(-1, 2)
-    inside = np.hypot(*flat.T) <= table.reach(setup.cable.length)
-    miss = np.full(len(flat), np.nan)
-    plan = policy.plan(flat[inside])
+    xy = map_targets(policy.setup.workspace)
+    miss = np.full(xy.shape[:2], np.nan)
+    inside = np.linalg.norm(xy, axis=-1) <= policy.setup.workspace.reach(policy.setup.cable.length)
+    plan = policy.plan(xy[inside])
     offset = np.linalg.norm(plan.predicted_xy - plan.target_xy, axis=1)
     miss[inside] = np.hypot(offset, np.nan_to_num(plan.sensitivity))
-    return xy, miss.reshape(xy.shape[:2])
+    return miss
 
 
 def map_image(miss: Array, setup: Setup) -> NDArray[np.uint8]:
