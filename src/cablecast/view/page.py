@@ -544,12 +544,9 @@ class Page:
 
 def _refresh_bar(bar: Any, state: WorkState) -> None:
     """Show how far some work is; a full bar where it does not say."""
-    update(bar, visible=bool(state.name))
     progress = state.progress
-    if progress is not None and progress.total:
-        update(bar, value=round(100.0 * progress.done / progress.total, 1))
-    elif state.name:
-        update(bar, value=100.0)
+    share = 1.0 if progress is None or not progress.total else progress.done / progress.total
+    update(bar, visible=bool(state.name), value=round(100.0 * share, 1))
 
 
 def shrunk(picture: NDArray[np.uint8], width: int = _CAMERA_WIDTH) -> NDArray[np.uint8]:

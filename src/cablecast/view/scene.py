@@ -437,10 +437,9 @@ class Table:
             if not np.all(np.isfinite(one.final_xy)):
                 continue
             name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
-            x, y = map(float, one.final_xy)
             color = INK if is_last else GREY
             self._server.scene.add_icosphere(
-                f"{name}/ball", 0.014, color, position=(x, y, 0.012), cast_shadow=False
+                f"{name}/ball", 0.014, color, position=(*one.final_xy, 0.012), cast_shadow=False
             )
             ends = level(np.stack([one.target_xy, one.final_xy]), 3 * LIFT)
             self._lines(f"{name}/miss", ends[None], color, 2.5 if is_last else 1.0)
@@ -451,8 +450,8 @@ class Table:
             apart = np.abs(_text_xy(one) - _text_xy(trials[-1]))
             # The last one may not have landed.
             if is_last or not np.all(apart <= _TEXT_ROOM):
-                x, y = map(float, _text_xy(one))
-                self._text(f"{name}/label", text, (x, y, _TEXT_LIFT), color, _TEXT_HEIGHT, WHITE)
+                place = (*_text_xy(one), _TEXT_LIFT)
+                self._text(f"{name}/label", text, place, color, _TEXT_HEIGHT, WHITE)
 
     def show_map(self, miss: Array | None) -> None:
         """Lay a map of expected misses on the table, below the lines; take it away where None."""
