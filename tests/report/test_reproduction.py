@@ -1,7 +1,5 @@
 """The report of a reproduction, made from run folders as the stages leave them."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -11,6 +9,7 @@ from cablecast.evaluation.published import BEST_METHOD
 from cablecast.report.maps import ellipse_map
 from cablecast.report.reproduction import Reproduction, cable_part, reproduction_page
 from cablecast.report.style import svg_uri
+from cablecast.runs.folder import Parts
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
@@ -35,10 +34,10 @@ def evaluation(make_evaluation):
 @pytest.fixture
 def results(evaluation, tmp_path):
     folder = tmp_path / "cable_1" / f"evaluate-{BEST_METHOD}"
-    folder.mkdir(parents=True)
-    config = {"command": "evaluate", "settings": {**TURNED.to_settings(), "repeats": 1}}
-    (folder / "config.json").write_text(json.dumps(config))
-    (folder / "metrics.json").write_text(json.dumps(evaluation_metrics(evaluation)))
+    parts = Parts(folder)
+    settings = {**TURNED.to_settings(), "repeats": 1}
+    parts.put("config", {"command": "evaluate", "settings": settings})
+    parts.put("metrics", evaluation_metrics(evaluation))
     save_trials(evaluation, folder / "trials.csv")
     return Reproduction(folder=tmp_path, cables=("cable_1",))
 
@@ -73,10 +72,10 @@ def test_folders_without_any_stage_are_refused_where_a_set_up_is_needed(tmp_path
 
 
 def test_a_stage_that_does_not_record_its_arm_is_refused(results):
-    file = results.folder / "cable_1" / f"evaluate-{BEST_METHOD}" / "config.json"
-    config = json.loads(file.read_text())
+    parts = Parts(results.folder / "cable_1" / f"evaluate-{BEST_METHOD}")
+    config = parts.get("config")
     del config["settings"]["arm"]
-    file.write_text(json.dumps(config))
+    parts.put("config", config)
     with pytest.raises(InputError, match="does not record its arm"):
         results.setup("cable_1")
 
@@ -84,5 +83,5 @@ def test_a_stage_that_does_not_record_its_arm_is_refused(results):
 def test_a_damaged_file_is_refused_with_what_to_do(results):
     file = results.folder / "cable_1" / f"evaluate-{BEST_METHOD}" / "metrics.json"
     file.write_text('{"errors_pct": ')
-    with pytest.raises(DamagedFileError, match=r"metrics\.json is damaged.*delete it and run"):
+    with pytest.raises(DamagedFileError, match=r"metrics\.json is damaged.*Delete it"):
         results.evaluations("cable_1")

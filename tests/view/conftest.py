@@ -108,8 +108,20 @@ def rig(own):
 
 
 @pytest.fixture
-def desk(rig, engine, policy):
-    return Desk(rig, engine, session=AimSession(policy))
+def open_desk(rig, engine):
+    """Return a function that opens a desk with a session."""
+
+    def opened(session):
+        desk = Desk(rig, engine)
+        desk.set_session(session)
+        return desk
+
+    return opened
+
+
+@pytest.fixture
+def desk(open_desk, policy):
+    return open_desk(AimSession(policy))
 
 
 @pytest.fixture

@@ -29,7 +29,8 @@ def main() -> None:
         grid_actions(ActionRanges(), (3, 40, 20, 3)), linear_model()
     )
     session = AimSession(policy, out=folder / "aim" / "session")
-    desk, worker = Desk(rig, session=session), Worker()
+    desk, worker = Desk(rig), Worker()
+    desk.set_session(session)
     page = Page(
         desk, worker, lambda report: None, folder / "aim", port=port, rate=FRAMES_PER_SECOND
     )

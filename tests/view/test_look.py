@@ -7,13 +7,11 @@ from cablecast.aiming.session import AimSession
 from cablecast.data.dataset import read_dataset
 from cablecast.errors import DatasetError, InputError
 from cablecast.evaluation.evaluate import evaluate_policy
-from cablecast.files import write_json
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import CASTS_FOLDER
-from cablecast.runs.folder import METRICS_FILE
+from cablecast.runs.folder import Parts
 from cablecast.setup import Setup
 from cablecast.tuning.tuned import PARAMS_FILE, write_params
-from cablecast.view.desk import Desk
 from cablecast.view.look import open_collection
 from cablecast.view.page import slid_params
 
@@ -26,7 +24,7 @@ def test_casts_of_a_rig_are_shown_as_measured_and_as_simulated(rig, engine, tmp_
     assert len(found) == 2
     measured = found.measured(1)
     assert np.allclose(measured.endpoint_xy[-1], casts.endpoint_xy[1], atol=1e-6)
-    simulated = found.simulated(1, engine)
+    simulated = found.simulated(1, engine, found.believed)
     assert simulated.nodes is not None
     shot = found.shot(1, engine)
     assert shot.other is not None
@@ -41,11 +39,10 @@ def test_an_evaluation_knows_its_targets(own, policy, engine, tmp_path):
     assert found.shot(0, engine).result.endswith("% of the cable's length off")
 
 
-def test_a_session_of_aim_is_shown_with_its_tries(rig, engine, policy, tmp_path):
-    desk = Desk(rig, engine, session=AimSession(policy, out=tmp_path / "session"))
-    desk.aim(TARGETS[0])
-    desk.cast()
-    desk.cast()
+def test_a_session_of_aim_is_shown_with_its_tries(open_desk, policy, tmp_path):
+    desk = open_desk(AimSession(policy, out=tmp_path / "session"))
+    desk.cast(desk.aim(TARGETS[0]))
+    desk.cast(desk.correct())
     found = open_collection(tmp_path)
     assert found.labels[1] == "cast 1 at 1.19 m, 15°, try 2"
     assert found.measured(1).nodes is not None
@@ -55,7 +52,7 @@ def test_a_session_of_aim_is_shown_with_its_tries(rig, engine, policy, tmp_path)
 def write_tuning(folder, params, fingerprint):
     values = {"cable": Setup().cable.name, "params": params.to_dict()}
     write_params(folder / PARAMS_FILE, values)
-    write_json(folder / METRICS_FILE, {"dataset_fingerprint": fingerprint})
+    Parts(folder).put("metrics", {"dataset_fingerprint": fingerprint})
 
 
 def test_a_tuning_result_is_shown_over_the_casts_that_it_was_fitted_to(rig, engine, tmp_path):
@@ -72,12 +69,11 @@ def test_a_tuning_result_is_shown_over_the_casts_that_it_was_fitted_to(rig, engi
 
 
 def test_the_newest_fit_of_a_session_is_shown_and_none_of_another_cable(
-    rig, engine, policy, tmp_path
+    open_desk, policy, tmp_path
 ):
     session = tmp_path / "aim"
-    desk = Desk(rig, engine, session=AimSession(policy, out=session / "session"))
-    desk.aim(TARGETS[0])
-    desk.cast()
+    desk = open_desk(AimSession(policy, out=session / "session"))
+    desk.cast(desk.aim(TARGETS[0]))
     masses = {"tune": 0.03, "fits/00005-00000/tune": 0.04, "fits/00015-00000/tune": 0.05}
     for name, mass in masses.items():
         params = dataclasses.replace(Setup().cable.params, mass=mass)

@@ -41,10 +41,9 @@ def learning(policy):
 
 
 @pytest.fixture
-def page(rig, engine, policy, learning, tmp_path):
+def page(open_desk, policy, learning, tmp_path):
     session = AimSession(policy, out=tmp_path / "session", refitting=learning)
-    desk = Desk(rig, engine, session=session)
-    opened = Page(desk, Worker(), lambda report: None, tmp_path, port=0)
+    opened = Page(open_desk(session), Worker(), lambda report: None, tmp_path, port=0)
     yield opened
     opened.close()
 

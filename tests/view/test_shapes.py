@@ -11,6 +11,7 @@ from cablecast.view.shapes import (
     arm_rods,
     hatched_circle,
     map_image,
+    map_targets,
     miss_map,
     ribbon,
     text_image,
@@ -29,7 +30,7 @@ def rotate(quat_wxyz, vector):
 
 def test_a_unit_cylinder_is_turned_onto_each_rod():
     ends = np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, -1], [0.3, -0.4, 0.5]])
-    rods = Rods(starts=np.zeros((5, 3)), ends=ends, radii=np.full(5, 0.1))
+    rods = Rods(ends=np.stack([np.zeros((5, 3)), ends], axis=1), radii=np.full(5, 0.1))
     for quat, center, scale, end in zip(
         rods.quats_wxyz, rods.centers, rods.scales, ends, strict=True
     ):
@@ -40,7 +41,7 @@ def test_a_unit_cylinder_is_turned_onto_each_rod():
 def test_the_arm_ends_at_the_grip():
     setup = Setup()
     q = setup.arm.inverse(np.array([[0.2, 0.6, 0.02, 0.1, 0.0]]))[0]
-    tip = arm_rods(q, setup.arm).ends[-1]
+    tip = arm_rods(q, setup.arm).ends[-1, 1]
     # The cable leaves the fingers in front of the flange's axis.
     assert np.linalg.norm(tip - [0.2, 0.6, 0.02]) == pytest.approx(setup.arm.grip_offset, abs=1e-9)
 
@@ -59,7 +60,7 @@ def test_a_thin_cable_is_drawn_as_a_tube_that_can_be_seen():
 
 
 def test_the_map_knows_the_reach_and_the_misses(policy):
-    xy, miss = miss_map(policy, step=0.1)
+    xy, miss = map_targets(policy.setup.workspace), miss_map(policy)
     radius = np.hypot(xy[..., 0], xy[..., 1])
     reach = policy.setup.workspace.reach(policy.setup.cable.length)
     assert np.array_equal(np.isfinite(miss), radius <= reach)

@@ -21,14 +21,14 @@ def test_between_samples_the_path_does_not_overshoot_and_rests_where_they_rest()
     assert cast.times[1] == pytest.approx(FRAME_DT)
     assert cast.endpoint_xy[:, 0].max() <= 0.4 + 1e-12
     assert np.all(np.diff(cast.endpoint_xy[:, 0]) >= -1e-12)
-    assert np.allclose(cast.endpoint_at(0.25), [0.4, 1])
+    assert np.allclose(cast.tip_at(0.25)[:2], [0.4, 1])
 
 
 def test_what_was_not_seen_is_not_drawn():
     cast = shown(track([[0, 1], [np.nan, np.nan], [0.4, 1], [0.5, 1]]))
-    assert np.isnan(cast.endpoint_at(0.1)).all()
-    assert np.isnan(cast.endpoint_at(0.06)).all()
-    assert np.allclose(cast.endpoint_at(0.3), [0.5, 1])
+    assert np.isnan(cast.tip_at(0.1)[:2]).all()
+    assert np.isnan(cast.tip_at(0.06)[:2]).all()
+    assert np.allclose(cast.tip_at(0.3)[:2], [0.5, 1])
     assert np.all(np.isfinite(cast.trail(1.0)))
 
 

@@ -16,7 +16,7 @@ def test_a_plan_and_its_cast_are_stated_in_the_units_of_a_person(desk, own):
     axes = 200 * preview.proposal.ellipse(0.9).semi_axes
     assert f"| 90 % land | in {axes[0]:.0f} by {axes[1]:.0f} cm (" in plan
     assert f"{preview.proposal.trajectory.duration:.2f} s" in plan
-    desk.cast()
+    desk.cast(desk.preview)
     miss = np.linalg.norm(own.offset)
     miss_pct = 100 * miss / desk.setup.cable.length
     assert f"| 1 | 1.19 m, 15° | {100 * miss:.1f} cm ({miss_pct:.1f} %) |" in tries_text(desk)
@@ -41,7 +41,7 @@ def test_the_tour_leads_to_the_first_cast_and_ends_there(desk):
     assert tour_text(desk, IDLE).count("✓") == 3
     desk.aim(TARGET)
     assert "▶ **Cast.**" in tour_text(desk, IDLE)
-    desk.cast()
+    desk.cast(desk.preview)
     assert tour_text(desk, IDLE) == ""
 
 

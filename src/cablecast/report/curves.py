@@ -1,7 +1,7 @@
 """Figures of numbers: errors beside the paper's, errors by target, and learning curves."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,26 +10,20 @@ from cablecast.evaluation.evaluate import ErrorSummary, Evaluation
 from cablecast.evaluation.published import PublishedRow
 from cablecast.report.style import (
     BLUE,
-    FAINT,
     INK,
     MUTED,
     PAGE_WIDTH,
     SKY,
     VERMILLION,
     annotate,
+    draw_grid,
     new_figure,
     styled,
 )
 from cablecast.report.tables import FIVE_NUMBERS
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-def _draw_grid(axes: "Axes", axis: Literal["x", "y"]) -> None:
-    axes.grid(axis=axis, color=FAINT, linewidth=0.6)
-    axes.set_axisbelow(True)
 
 
 @styled()
@@ -58,7 +52,7 @@ def error_boxes(
     axes.set_xlabel("error [% of cable length]; line from least to greatest, box between quartiles")
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
-    _draw_grid(axes, "x")
+    draw_grid(axes, "x")
     return figure
 
 
@@ -88,7 +82,7 @@ def target_errors(evaluation: Evaluation) -> "Figure":
     axes.set_ylim(0.0, None)
     axes.set_xlabel("target, numbered as on the map")
     axes.set_ylabel("error [% of cable length]")
-    _draw_grid(axes, "y")
+    draw_grid(axes, "y")
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
     return figure
 
@@ -125,5 +119,5 @@ def learning_curves(
         axes.yaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlim(epochs[0], epochs[-1])
-        _draw_grid(axes, "y")
+        draw_grid(axes, "y")
     return figure

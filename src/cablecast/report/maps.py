@@ -24,6 +24,7 @@ from cablecast.report.style import (
     annotate,
     color_scale,
     draw_color_bar,
+    draw_grid,
     draw_half_circle,
     draw_workspace,
     legend_strip,
@@ -56,14 +57,10 @@ def landing_map(
     Predicted landings of the policy's candidates [m], on one half of the table, shape
     [candidate, 2], shade what they cover.
     """
-    workspace = evaluation.setup.workspace
-    reach = workspace.reach(evaluation.cable.length)
-    view = workspace_view(workspace, margin=0.1, radius=reach)
-    figure, (axes,) = workspace_panels(workspace, view, below=0.5, beside=0.9)
+    figure, axes = _reach_panel(evaluation.setup)
     if simulated_xy is not None:
         radius = COVERAGE_PCT / 100.0 * evaluation.cable.length
-        _shade_coverage(axes, workspace, simulated_xy, radius)
-    _draw_reach(axes, workspace, reach)
+        _shade_coverage(axes, evaluation.setup.workspace, simulated_xy, radius)
     errors_pct = evaluation.errors_pct
     top = max(10.0, float(np.nanmax(errors_pct, initial=0.0)))
     scale = color_scale("plasma", 0.0, 0.82, top)
@@ -129,8 +126,12 @@ def _shade_coverage(axes: "Axes", workspace: Workspace, simulated_xy, radius: fl
     )
 
 
-def _draw_reach(axes: "Axes", workspace: Workspace, reach: float) -> None:
-    arm = workspace.r_max
+def _reach_panel(setup: Setup) -> tuple["Figure", "Axes"]:
+    """Return a map of the table with the reach of arm and cable, and room for bar and legend."""
+    workspace = setup.workspace
+    reach, arm = workspace.reach(setup.cable.length), workspace.r_max
+    view = workspace_view(workspace, margin=0.1, radius=reach)
+    figure, (axes,) = workspace_panels(workspace, view, below=0.5, beside=0.9)
     draw_half_circle(axes, reach, linestyle=_DOTTED)
     draw_half_circle(axes, arm, linestyle=(0, (4, 3)))
     # The arc of the arm passes between targets: its label stands at its foot, clear of them, or
@@ -142,6 +143,7 @@ def _draw_reach(axes: "Axes", workspace: Workspace, reach: float) -> None:
     annotate(axes, above, (0.0, reach), (0, 3), ha="center", **style)
     annotate(axes, f" reach of the arm,\n {arm:.2f} m", foot, (0, 3), ha="left", **style)
     annotate(axes, "robot base", (0.0, 0.0), (20, -5), color=INK, fontsize=8, ha="left", va="top")
+    return figure, axes
 
 
 @styled()
@@ -177,8 +179,7 @@ def tries_map(evaluation: Evaluation) -> "Figure":
     else:
         curves.set(xlabel="try", ylabel="miss [% of cable length]", ylim=(0, None))
         curves.xaxis.get_major_locator().set_params(integer=True)
-    curves.grid(color=FAINT, linewidth=0.6)
-    curves.set_axisbelow(True)
+    draw_grid(curves)
     curves.legend(loc="upper right" if few else "lower right", fontsize=8)
     return figure
 
@@ -339,17 +340,13 @@ def reach_map(
 
     Places are the middles of squares of a width [m], shape [place, 2].
     """
-    workspace = setup.workspace
-    reach = workspace.reach(setup.cable.length)
-    view = workspace_view(workspace, margin=0.1, radius=reach)
-    figure, (axes,) = workspace_panels(workspace, view, below=0.5, beside=0.9)
+    figure, axes = _reach_panel(setup)
     scale = color_scale("Blues", 0.0, 0.85, 100.0)
     x, y = (np.unique(places[:, axis]) for axis in (0, 1))
     edges = [np.append(values - cell / 2, values[-1] + cell / 2) for values in (x, y)]
     share = 100.0 * chances.reshape(len(y), len(x))
     axes.pcolormesh(*edges, share, cmap=scale.cmap, norm=scale.norm, zorder=0.7, rasterized=True)
-    _draw_reach(axes, workspace, reach)
-    rest = np.array([workspace.reset_y, workspace.reset_y + setup.cable.length])
+    rest = setup.workspace.reset_y + np.array([0.0, setup.cable.length])
     axes.plot([0.0, 0.0], rest, color=VERMILLION, linewidth=1.6, zorder=3)
     annotate(axes, "cable after a reset", (0.0, rest.mean()), (5, 0), color=VERMILLION, fontsize=8)
     label = "believed cables whose casts reach a place [%]"

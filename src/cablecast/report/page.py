@@ -1,6 +1,6 @@
 """The report of an evaluation: one HTML file with its casts, errors and settings."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from cablecast.report.tables import (
     Table,
     five_cells,
     flatten_settings,
-    make_row,
     paper_rows,
     pct,
 )
@@ -129,7 +128,7 @@ def _sources(model: Mapping[str, Any]) -> str:
 
 
 def _summary_row(name: str, summary: ErrorSummary, kind: str = "") -> Row:
-    return make_row(name, str(summary.count), *five_cells(summary.to_dict()), kind=kind)
+    return Row((name, str(summary.count), *five_cells(summary.to_dict())), kind)
 
 
 def _error_table(evaluation: Evaluation, rig_name: str, paper: list[Row]) -> Table:
@@ -173,23 +172,16 @@ def _player_data(evaluation: Evaluation) -> dict[str, Any]:
             {
                 "target": int(evaluation.target_index[row]),
                 "target_mm": _millimetres(aimed_xy[row]),
-                "predicted_mm": _millimetres(evaluation.predicted_xy[row]),
                 "error": pct(errors_pct[row]),
                 "status": cast.status.code.replace("_", " "),
                 "times": [round(float(time), 3) for time in cast.track.times[finite]],
                 "nodes_mm": shapes[finite].reshape(int(finite.sum()), -1).astype(int).tolist(),
             }
         )
-    workspace = evaluation.setup.workspace
-    corners = np.array(
-        [[-workspace.half_width, workspace.y_min], [workspace.half_width, workspace.y_max]]
-    )
-    return {
-        "workspace": workspace.to_dict(),
-        "table_mm": [_millimetres(corner) for corner in corners],
-        "casts": casts,
-    }
+    table = evaluation.setup.workspace
+    corners = [(-table.half_width, table.y_min), (table.half_width, table.y_max)]
+    return {"table_mm": [_millimetres(corner) for corner in corners], "casts": casts}
 
 
-def _millimetres(xy: NDArray[np.float64]) -> list[int]:
+def _millimetres(xy: Iterable[float]) -> list[int]:
     return [round(1000.0 * float(value)) for value in xy]

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast
-from cablecast.errors import DamagedFileError, InputError
+from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import (
     DRAW_COUNT,
-    TRIAL_COLUMNS,
     ErrorSummary,
     share_of_smaller_median,
 )
@@ -24,7 +23,7 @@ from cablecast.evaluation.published import (
     published_row,
     published_rows,
 )
-from cablecast.files import read_csv, read_json
+from cablecast.files import read_csv
 from cablecast.report.curves import error_boxes
 from cablecast.report.maps import coverage_figure, ellipse_map
 from cablecast.report.page import SettingsLists, run_settings, template_environment
@@ -41,10 +40,13 @@ from cablecast.report.tables import (
     time_table,
     tuning_table,
 )
+from cablecast.runs.folder import Parts
 from cablecast.setup import SECTIONS, Setup
 
 _SETUP_STAGES = (*(f"evaluate-{method}" for method in METHOD_NAMES), "select", "repeat", "tune")
 """Stages whose settings hold the set-up; those that decide the figures come first."""
+
+_TRIAL_NUMBERS = (*("target", "target_x_m", "target_y_m", "landed_x_m", "landed_y_m", "error_pct"),)
 
 
 class Figure(NamedTuple):
@@ -75,11 +77,11 @@ class Reproduction:
 
     def metrics(self, cable: str, stage: str) -> dict[str, Any] | None:
         """Return metrics.json of a stage; None where the stage has not been run."""
-        return _read_json(self.folder / cable / stage / "metrics.json")
+        return Parts(self.folder / cable / stage).get("metrics")
 
     def config(self, cable: str, stage: str) -> dict[str, Any] | None:
         """Return config.json of a stage; None where the stage has not been run."""
-        return _read_json(self.folder / cable / stage / "config.json")
+        return Parts(self.folder / cable / stage).get("config")
 
     def setup(self, cable: str) -> Setup:
         """Return the set-up that a cable was cast with, as its stages recorded it."""
@@ -103,18 +105,13 @@ class Reproduction:
         found = {cable: self.metrics(cable, stage) for cable in self.cables}
         return {cable: metrics for cable, metrics in found.items() if metrics is not None}
 
-    def trials(self, cable: str, method: str) -> dict[str, np.ndarray]:
-        """Return the columns of trials.csv of an evaluation; an empty cell is NaN."""
+    def trials(self, cable: str, method: str) -> dict[str, NDArray[np.float64]]:
+        """Return columns of numbers of trials.csv of an evaluation; an empty cell is NaN."""
         file = self.folder / cable / f"evaluate-{method}" / "trials.csv"
-        rows = read_csv(file, TRIAL_COLUMNS)
-        columns: dict[str, np.ndarray] = {}
-        for name in TRIAL_COLUMNS:
-            values = [row[name] for row in rows]
-            try:
-                columns[name] = np.array([float(value) if value else np.nan for value in values])
-            except ValueError:
-                columns[name] = np.array(values)
-        return columns
+        rows = read_csv(file, _TRIAL_NUMBERS)
+        return {
+            name: np.array([float(row[name] or "nan") for row in rows]) for name in _TRIAL_NUMBERS
+        }
 
     def errors_by_target(self, cable: str, method: str) -> NDArray[np.float64]:
         """Return errors [% of cable length], NaN without a landing, shape [target, cast]."""
@@ -129,15 +126,6 @@ class Reproduction:
             return ()
         uri = "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
         return (Figure(uri=uri, caption=caption),)
-
-
-def _read_json(file: pathlib.Path) -> dict[str, Any] | None:
-    try:
-        return read_json(file)
-    except FileNotFoundError:
-        return None
-    except DamagedFileError as error:
-        raise DamagedFileError(f"{error}: delete it and run the same again") from None
 
 
 def order_of_methods(results: Reproduction) -> list[str]:
@@ -400,7 +388,6 @@ def _cards(results: Reproduction) -> list[dict[str, str]]:
         cards.append(
             {
                 "value": pct(metrics["errors_pct"]["median_pct"]),
-                "unit": "%",
                 "text": f"median error with {cable}, in % of its length{beside}",
             }
         )

@@ -4,7 +4,7 @@ import base64
 import contextlib
 import io
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,12 +88,12 @@ def png_bytes(figure: "Figure", dpi: int = 200) -> bytes:
     return buffer.getvalue()
 
 
-def compact_png(figure: "Figure", dpi: int, colors: int = 64) -> bytes:
-    """Return a PNG file with a palette of colours, a third as large as `png_bytes` makes it."""
+def compact_png(figure: "Figure", dpi: int) -> bytes:
+    """Return a PNG file with a palette of 64 colours, a third as large as that of `png_bytes`."""
     # matplotlib depends on Pillow.
     from PIL import Image
 
-    image = Image.open(io.BytesIO(png_bytes(figure, dpi))).convert("RGB").quantize(colors)
+    image = Image.open(io.BytesIO(png_bytes(figure, dpi))).convert("RGB").quantize(64)
     buffer = io.BytesIO()
     image.save(buffer, format="png", optimize=True)
     return buffer.getvalue()
@@ -187,7 +187,6 @@ def _multiples(low: float, high: float) -> np.ndarray:
     return _GRID_STEP * np.arange(first, last + 1)
 
 
-@styled()
 def workspace_panels(
     workspace: "Workspace",
     view: View,
@@ -239,6 +238,12 @@ def annotate(
     axes.annotate(text, (point[0], point[1]), xytext=offset, textcoords="offset points", **style)
 
 
+def draw_grid(axes: "Axes", axis: Literal["x", "y", "both"] = "both") -> None:
+    """Draw the lines of a grid across an axis, behind what is drawn."""
+    axes.grid(axis=axis, color=FAINT, linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
 def legend_strip(
     figure: "Figure", entries: Sequence[tuple[str, str, dict[str, Any]]], columns: int = 3
 ) -> None:
@@ -248,9 +253,10 @@ def legend_strip(
     """
     from matplotlib.lines import Line2D
 
-    handles = [
-        Line2D([], [], label=label, **(_line_style(form) | style)) for label, form, style in entries
-    ]
+    handles = []
+    for label, form, style in entries:
+        line = {"linestyle": "-"} if form == "-" else {"linestyle": "", "marker": form}
+        handles.append(Line2D([], [], label=label, **line, **style))
     # A legend of the figure, not of the axes: the layout then keeps room for it below.
     figure.legend(
         handles=handles,
@@ -259,10 +265,6 @@ def legend_strip(
         columnspacing=1.6,
         labelcolor=INK,
     )
-
-
-def _line_style(form: str) -> dict[str, Any]:
-    return {"linestyle": "-"} if form == "-" else {"linestyle": "", "marker": form}
 
 
 def color_scale(name: str, first: float, last: float, top: float) -> Any:

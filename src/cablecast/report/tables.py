@@ -93,11 +93,6 @@ class Row(NamedTuple):
     kind: str = ""
 
 
-def make_row(*cells: str, kind: str = "") -> Row:
-    """Return a row; see `Row`."""
-    return Row(cells=cells, kind=kind)
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Table:
     """A table with a title, which is empty in a report that has its own, and a note below it."""
@@ -123,11 +118,9 @@ class Table:
 def paper_rows(rows: Sequence[PublishedRow]) -> list[Row]:
     """Return rows of the paper as they stand below ours, without a count of casts."""
     return [
-        make_row(
-            f"paper, table {row.table}: {row.method}",
-            "",
-            *published_cells(row),
-            kind="paper" if number else "paper first",
+        Row(
+            (f"paper, table {row.table}: {row.method}", "", *published_cells(row)),
+            "paper" if number else "paper first",
         )
         for number, row in enumerate(rows)
     ]
@@ -136,7 +129,7 @@ def paper_rows(rows: Sequence[PublishedRow]) -> list[Row]:
 def _error_row(name: str, metrics: Metrics, key: str, kind: str) -> Row:
     landed = metrics["status_counts"].get("ok", 0)
     count = f"{landed} of {metrics['trial_count']}"
-    return make_row(name, count, *five_cells(metrics[key]), kind=kind)
+    return Row((name, count, *five_cells(metrics[key])), kind)
 
 
 def method_table(
@@ -169,7 +162,7 @@ def cable_table(
     for cable, metrics in evaluations.items():
         rows.append(_error_row(cable, metrics, key, "ours"))
         if published and (row := published_row(cable)) is not None:
-            rows.append(make_row(f"paper: {cable}", "", *published_cells(row), kind="paper"))
+            rows.append(Row((f"paper: {cable}", "", *published_cells(row)), "paper"))
     return Table(title=title, heads=("cable", "landed", *FIVE_HEADS), rows=tuple(rows))
 
 
@@ -185,11 +178,13 @@ SPLIT_PARTS = {
 def measured_table(evaluations: Mapping[str, Metrics], cable: str) -> Table:
     """Make a table of what each method covers and how well it predicts, by method."""
     rows = [
-        make_row(
-            METHOD_NAMES[method],
-            f"{metrics['targets_inside_coverage']} of {metrics['target_count']}",
-            pct(metrics["errors_inside_coverage_pct"]["median_pct"]),
-            pct(metrics["prediction_errors_pct"]["median_pct"]),
+        Row(
+            (
+                METHOD_NAMES[method],
+                f"{metrics['targets_inside_coverage']} of {metrics['target_count']}",
+                pct(metrics["errors_inside_coverage_pct"]["median_pct"]),
+                pct(metrics["prediction_errors_pct"]["median_pct"]),
+            )
         )
         for method, metrics in evaluations.items()
     ]
@@ -216,15 +211,15 @@ def split_table(evaluations: Mapping[str, Metrics], title: str) -> Table | None:
     for name, split in splits.items():
         # A part that was not measured is not there.
         parts = [part for part in SPLIT_PARTS if split["parts"].get(part, {}).get("rms_pct")]
-        rows.append(make_row(name, "", pct(split["rms_pct"]), "100", kind="ours"))
+        rows.append(Row((name, "", pct(split["rms_pct"]), "100"), "ours"))
         for part in parts:
             values = split["parts"][part]
             cells = (pct(values["median_pct"]), pct(values["rms_pct"]), pct(values["share_pct"], 0))
-            rows.append(make_row(SPLIT_PARTS[part], *cells))
+            rows.append(Row((SPLIT_PARTS[part], *cells)))
         outside = split["outside_coverage"]
         count = f"{outside['cast_count']} of {split['cast_count']} casts"
         name = f"at targets outside the coverage: {count}"
-        rows.append(make_row(name, "", "", pct(outside["share_pct"], 0)))
+        rows.append(Row((name, "", "", pct(outside["share_pct"], 0))))
     note = (
         "Median and root mean square of the length of each part, in % of cable length, over the "
         "casts that landed; and its share in the mean square of the whole error. The parts are "
@@ -250,24 +245,22 @@ def coverage_table(selection: Metrics) -> Table:
         low, high = sorted(result["share_by_ratio"].values())
         same = result["same_angles"]["share"]
         same = None if same is None else 100 * same
-        rows.append(
-            make_row(
-                f"r0 = {key[0]:g} m, v_max = {key[1]:g} m/s" + ", psi" * key[2],
-                str(result["feasible_count"]),
-                pct(100 * result["share"]),
-                f"{100 * low:.1f} to {100 * high:.1f}",
-                f"{pct(same)} ({result['same_angles']['feasible_count']})",
-                pct(100 * paper.coverage) if paper else "",
-                pct(repeat.get("scatter_pct"), 2) if repeat else "",
-                pct(repeat.get("distance_sd_pct"), 2) if repeat else "",
-                pct(paper.scatter_pct, 2) if paper else "",
-                pct(100 * repeat["off_table_share"]) if repeat else "",
-                pct(100 * paper.off_table_share) if paper and paper.off_table_share else "",
-                kind="ours" if key == chosen else "",
-            )
+        cells = (
+            f"r0 = {key[0]:g} m, v_max = {key[1]:g} m/s" + ", psi" * key[2],
+            str(result["feasible_count"]),
+            pct(100 * result["share"]),
+            f"{100 * low:.1f} to {100 * high:.1f}",
+            f"{pct(same)} ({result['same_angles']['feasible_count']})",
+            pct(100 * paper.coverage) if paper else "",
+            pct(repeat.get("scatter_pct"), 2) if repeat else "",
+            pct(repeat.get("distance_sd_pct"), 2) if repeat else "",
+            pct(paper.scatter_pct, 2) if paper else "",
+            pct(100 * repeat["off_table_share"]) if repeat else "",
+            pct(100 * paper.off_table_share) if paper and paper.off_table_share else "",
         )
+        rows.append(Row(cells, "ours" if key == chosen else ""))
     polar = selection["polar_casting"]["share"]
-    rows.append(make_row("polar casting", "", pct(100 * polar), *[""] * 8))
+    rows.append(Row(("polar casting", "", pct(100 * polar), *[""] * 8)))
     ratio = selection["coverage"][0]["hull_ratio"]
     ratios = " and ".join(selection["coverage"][0]["share_by_ratio"])
     return Table(
@@ -297,29 +290,21 @@ def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
     rows = []
     for cable, metrics in tunings.items():
         default, tuned = (metrics["validation"][name] for name in ("default", "tuned"))
-        rows.append(
-            make_row(
-                cable,
-                pct(default["final_median_pct"]),
-                pct(tuned["final_median_pct"]),
-                pct(default["mean_pct"]),
-                pct(tuned["mean_pct"]),
-                f"{metrics['simulation_count']:,}",
-                kind="ours",
-            )
+        distances = (
+            pct(default["final_median_pct"]),
+            pct(tuned["final_median_pct"]),
+            pct(default["mean_pct"]),
+            pct(tuned["mean_pct"]),
         )
+        rows.append(Row((cable, *distances, f"{metrics['simulation_count']:,}"), "ours"))
         if (paper := published_tuning(cable)) is not None:
-            rows.append(
-                make_row(
-                    f"paper: {cable}",
-                    pct(paper.default_final_pct),
-                    pct(paper.tuned_final_pct),
-                    pct(paper.default_mean_pct),
-                    pct(paper.tuned_mean_pct),
-                    "not stated",
-                    kind="paper",
-                )
+            distances = (
+                pct(paper.default_final_pct),
+                pct(paper.tuned_final_pct),
+                pct(paper.default_mean_pct),
+                pct(paper.tuned_mean_pct),
             )
+            rows.append(Row((f"paper: {cable}", *distances, "not stated"), "paper"))
     return Table(
         title="Distance between simulated and measured endpoints on validation casts",
         heads=(
@@ -337,7 +322,7 @@ def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
 
 def time_table(times: Sequence[tuple[str, float]]) -> Table:
     """Make a table of the time that each stage took, from their titles and times [s]."""
-    rows = [make_row(title, f"{seconds / 60:.1f}") for title, seconds in times]
+    rows = [Row((title, f"{seconds / 60:.1f}")) for title, seconds in times]
     total = sum(seconds for _, seconds in times)
-    rows.append(make_row("all", f"{total / 60:.1f}", kind="ours"))
+    rows.append(Row(("all", f"{total / 60:.1f}"), "ours"))
     return Table(title="Time of each stage", heads=("stage", "min"), rows=tuple(rows))

@@ -18,7 +18,7 @@ from cablecast.cast import Cast, Proposal
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.errors import InputError, TargetError
+from cablecast.errors import InputError
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.trajectory import Trajectory
@@ -70,7 +70,6 @@ class Desk:
     Args:
         rig: Rig that casts.
         engine: Simulator of the previews; the usual one where None.
-        session: Session that plans; None until one was prepared.
 
     Attributes:
         setup: Set-up of the rig.
@@ -81,13 +80,7 @@ class Desk:
         message: Latest news in one sentence; empty if there are none.
     """
 
-    def __init__(
-        self,
-        rig: CheckedRig,
-        engine: Engine | None = None,
-        *,
-        session: AimSession | None = None,
-    ):
+    def __init__(self, rig: CheckedRig, engine: Engine | None = None):
         self.rig = rig
         self.engine = engine or EngineWarp(segment_count=SEGMENT_COUNT, dt=STEP)
         self.setup: Setup = rig.setup
@@ -98,8 +91,6 @@ class Desk:
         self.dynamics = Dynamics.of(None, self.setup)
         self._lock = threading.RLock()
         self._casting = False
-        if session is not None:
-            self.set_session(session)
 
     @property
     def phase(self) -> Phase:
@@ -190,20 +181,14 @@ class Desk:
 
         Raises:
             TargetError: It is not finite, out of reach, or off the table.
-            InputError: There is no session, or a cast is under way.
+            InputError: It is no pair of numbers, there is no session, or a cast is under way.
         """
         with self._lock:
             self._refuse_casting()
             session = self._need_session()
             # A target that is refused leaves no plan for the one before.
             self.preview, self.stop = None, ""
-            try:
-                target = np.asarray(target_xy, dtype=float)
-            except (TypeError, ValueError):
-                raise TargetError(f"target {str(target_xy)[:40]!r} must be two numbers") from None
-            if target.shape != (2,):
-                raise TargetError(f"a target has shape {target.shape}: it must be [2]")
-            proposal = session.propose(target)
+            proposal = session.propose(target_xy)
             self.preview = self._preview(session, proposal)
             self.stop = session.stop_reason(proposal)
             self.message = ""
@@ -249,13 +234,13 @@ class Desk:
                 raise InputError("there is nothing to correct yet: cast first")
             return self.aim(last.target_xy)
 
-    def cast(self, planned: Preview | None = None) -> Cast:
+    def cast(self, planned: Preview | None) -> Cast:
         """Cast as planned, and see where the free end comes to rest.
 
         To be called in the thread that may use the rig.
 
         Args:
-            planned: Plan that a person has seen: no other is cast.
+            planned: Plan that a person has seen, if any: no other is cast.
 
         Raises:
             InputError: Nothing is planned, another plan than the one that was seen, or another cast
@@ -264,22 +249,16 @@ class Desk:
         """
         with self._lock:
             self._refuse_casting()
-            if self.preview is None:
+            if planned is None:
                 raise InputError("nothing is planned: choose a target first")
-            if planned is not None and (
-                planned is not self.preview or self.phase is not Phase.PLANNED
-            ):
+            if planned is not self.preview or self.phase is not Phase.PLANNED:
                 raise InputError("the plan has changed meanwhile: look at it, then cast")
             session = self._need_session()
-            if self.phase in (Phase.LANDED, Phase.DONE):
-                self.aim(self.preview.proposal.target_xy)
-            preview, self._casting = self.preview, True
+            self._casting = True
         try:
-            proposal = preview.proposal
-            track = session.play(self.rig, proposal.trajectory, proposal.number)
-            trial = session.observe(proposal, track)
+            trial = session.cast(self.rig, planned.proposal)
             with self._lock:
-                self.message = change_text(trial, session) if trial.landed else track.status.value
+                self.message = change_text(trial, session) if trial.landed else trial.status.value
             return trial
         finally:
             with self._lock:

@@ -22,6 +22,7 @@ from cablecast.view.shapes import (
     ARM,
     BLUE,
     CABLE_RADIUS_MIN,
+    GREY,
     INK,
     JOINT,
     PURPLE,
@@ -35,6 +36,7 @@ from cablecast.view.shapes import (
     Color,
     arm_rods,
     level,
+    polyline,
     reach_arc,
     table_lines,
     target_marks,
@@ -58,6 +60,7 @@ _SWATCH = 20  # Height of the colours that the palette must hold [pixel].
 _SIZE_MAX = 3840
 _CAST_COUNT_MAX = 200
 _SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
+_JOINT_RADIUS_MIN = 0.03  # Joints of thinner rods, those of the fingers, are not marked [m].
 _SHADOW = 60  # Darkness of shadows, of 255.
 _SHADOW_SLOPE = np.array([0.12, 0.05, -1.0])  # Shift per height of what casts a shadow.
 
@@ -90,7 +93,7 @@ def write_film(
     path: pathlib.Path,
     setup: Setup,
     shots: Sequence[Shot],
-    config: FilmConfig | None = None,
+    config: FilmConfig,
     progress: ProgressCallback = ignore,
 ) -> None:
     """Write casts, one after another, as one file.
@@ -110,7 +113,6 @@ def write_film(
     if kind not in KINDS:
         raise InputError(f"{path} ends in {kind!r}: a film ends in one of {', '.join(KINDS)}")
     check_count("casts to film", len(shots), 1, _CAST_COUNT_MAX)
-    config = config or FilmConfig()
     if kind == ".html":
         write_text(path, film_html(setup, shots, config, progress))
         return
@@ -154,7 +156,7 @@ class Painter:
         self._view = camera_behind_robot(setup, _SAMPLES * width, _SAMPLES * height)
         self._backdrop = self._painted_backdrop()
 
-    def frame(self, shot: Shot, time: float, tries: list[Shot] | None = None) -> Image.Image:
+    def frame(self, shot: Shot, time: float, tries: Sequence[Shot] = ()) -> Image.Image:
         """Return the picture of a cast at a time.
 
         Args:
@@ -167,19 +169,17 @@ class Painter:
         if shot.target_xy is not None:
             for segment in target_marks(shot.target_xy, 0.0):
                 self._line(pen, segment, VERMILLION, 1.6)
-        for earlier in tries or []:
-            self._dot(pen, np.append(earlier.cast.endpoint_xy[-1], 0.01), 0.012, (123, 135, 148))
+        for earlier in tries:
+            self._dot(pen, np.append(earlier.cast.endpoint_xy[-1], 0.01), 0.012, GREY)
         if len(trail := shot.cast.trail(time)) > 1:
             self._line(pen, level(trail, 0.002), (*BLUE, 110), 1.2)
         nodes, q = shot.cast.nodes_at(time), shot.cast.joints_at(time)
         self._cast_shadow(image, nodes, q)
-        if shot.other is not None:
-            ghost = shot.other.nodes_at(time)
-            if ghost is not None:
-                self._cable(pen, ghost, PURPLE, thin=True)
+        if shot.other is not None and (ghost := shot.other.nodes_at(time)) is not None:
+            self._cable(pen, ghost, PURPLE, thin=True)
         if nodes is not None:
             self._cable(pen, nodes, BLUE)
-        tip = nodes[-1] if nodes is not None else np.append(shot.cast.endpoint_at(time), 0.01)
+        tip = shot.cast.tip_at(time)
         if np.all(np.isfinite(tip)):
             self._dot(pen, tip, 0.016, BLUE)
         if q is not None:
@@ -211,25 +211,20 @@ class Painter:
 
     def _arm(self, pen: Any, q: Array) -> None:
         rods = arm_rods(q, self.setup.arm)
-        for rod in np.argsort(-(self._depth(rods.starts) + self._depth(rods.ends))):
-            segment = np.stack([rods.starts[rod], rods.ends[rod]])
-            radius = float(rods.radii[rod])
+        for rod in np.argsort(-self._depth(rods.ends).sum(axis=1)):
+            segment, radius = rods.ends[rod], float(rods.radii[rod])
             # From the rim to the light: a rod looks round.
             for share, light in ((1.0, 0.62), (0.86, 0.82), (0.6, 0.95), (0.3, 1.04)):
-                color = tuple(min(255, round(light * value)) for value in ARM)
-                self._capsule(pen, segment, share * radius, (*color, 255))
-            for end in segment:
+                self._capsule(pen, segment, share * radius, _lit(ARM, light))
+            for end in segment if radius > _JOINT_RADIUS_MIN else ():
                 for share, light in ((0.8, 0.8), (0.5, 1.0)):
-                    color = tuple(min(255, round(light * value)) for value in JOINT)
-                    if radius > 0.03:
-                        self._disc(pen, end, share * radius, (*color, 255))
+                    self._disc(pen, end, share * radius, _lit(JOINT, light))
 
     def _cable(self, pen: Any, nodes: Array, color: Color, *, thin: bool = False) -> None:
         radius = max(self.setup.cable.radius, CABLE_RADIUS_MIN)
-        dark = tuple(round(0.65 * value) for value in color)
-        for share, paint in ((0.6, color),) if thin else ((1.0, dark), (0.6, color)):
-            for segment in np.stack([nodes[:-1], nodes[1:]], axis=1):
-                self._capsule(pen, segment, share * radius, (*paint, 255))
+        for share, light in ((0.6, 1.0),) if thin else ((1.0, 0.65), (0.6, 1.0)):
+            for segment in polyline(nodes):
+                self._capsule(pen, segment, share * radius, _lit(color, light))
 
     def _cast_shadow(self, image: Image.Image, nodes: Array | None, q: Array | None) -> None:
         """Darken the table below the arm and the cable, once where shadows overlap."""
@@ -238,14 +233,13 @@ class Painter:
         parts: list[tuple[Array, float]] = []
         if q is not None:
             rods = arm_rods(q, self.setup.arm)
-            ends = np.stack([rods.starts, rods.ends], axis=1)
-            parts += list(zip(ends, rods.radii.tolist(), strict=True))
+            parts += zip(rods.ends, rods.radii.tolist(), strict=True)
         if nodes is not None:
-            parts += [(pair, CABLE_RADIUS_MIN) for pair in np.stack([nodes[:-1], nodes[1:]], 1)]
+            parts += [(pair, CABLE_RADIUS_MIN) for pair in polyline(nodes)]
         for segment, radius in parts:
             # A lamp high to the left: shadows fall to the right by a share of the height.
             ground = segment + segment[:, 2:] * _SHADOW_SLOPE
-            self._capsule(pen, ground, float(radius), _SHADOW)
+            self._capsule(pen, ground, radius, _SHADOW)
         table = Image.new("L", image.size, 0)
         self._polygon(ImageDraw.Draw(table), self._table_top(), _SHADOW)
         image.paste((20, 18, 16), mask=ImageChops.darker(mask, table))
@@ -269,8 +263,8 @@ class Painter:
         return (points - np.array(self._view.position)) @ np.array(self._view.rotation[2])
 
     def _dot(self, pen: Any, point: Array, radius: float, color: Color) -> None:
-        self._disc(pen, point, radius, (*(round(0.6 * value) for value in color), 255))
-        self._disc(pen, point, 0.7 * radius, (*color, 255))
+        self._disc(pen, point, radius, _lit(color, 0.6))
+        self._disc(pen, point, 0.7 * radius, _lit(color, 1.0))
 
     def _disc(self, pen: Any, point: Array, radius: float, fill: tuple[int, ...]) -> None:
         x, y = self._view.to_image(point)
@@ -281,9 +275,8 @@ class Painter:
         path = self._view.to_image(segment)
         sizes = self._view.lens.focal[0] * radius / self._depth(segment)
         pen.line([tuple(p) for p in path], fill=fill, width=max(1, round(2 * float(sizes.mean()))))
-        if isinstance(fill, int) or fill[3] == 255:
-            for (x, y), size in zip(path, sizes, strict=True):
-                pen.ellipse([x - size, y - size, x + size, y + size], fill=fill)
+        for (x, y), size in zip(path, sizes, strict=True):
+            pen.ellipse([x - size, y - size, x + size, y + size], fill=fill)
 
     def _line(self, pen: Any, points: Array, color: tuple[int, ...], width: float) -> None:
         path = self._view.to_image(points)
@@ -294,11 +287,14 @@ class Painter:
         pen.polygon([tuple(p) for p in path], fill=color)
 
 
+def _lit(color: Color, light: float) -> Color:
+    """Return a colour in more or less light."""
+    red, green, blue = (min(255, round(light * value)) for value in color)
+    return red, green, blue
+
+
 def film_frames(
-    setup: Setup,
-    shots: Sequence[Shot],
-    config: FilmConfig,
-    progress: ProgressCallback = ignore,
+    setup: Setup, shots: Sequence[Shot], config: FilmConfig, progress: ProgressCallback
 ) -> Iterator[Image.Image]:
     """Yield the pictures of a film; see `write_film`."""
     painter = Painter(setup, config.width, config.height)
@@ -359,10 +355,7 @@ def gif_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
 
 
 def film_html(
-    setup: Setup,
-    shots: Sequence[Shot],
-    config: FilmConfig,
-    progress: ProgressCallback = ignore,
+    setup: Setup, shots: Sequence[Shot], config: FilmConfig, progress: ProgressCallback
 ) -> str:
     """Return casts as one HTML file that holds all that it needs: to turn, zoom and play.
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import math
 import os
 import pathlib
 from collections.abc import Sequence
@@ -17,12 +18,11 @@ from cablecast.data.store import CastStore, dataset_cast
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import DatasetError, InputError, check_count
-from cablecast.files import read_json
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at, plan_trajectory
 from cablecast.pipeline.aim import FITS_FOLDER, SESSION_FOLDER
 from cablecast.pipeline.evaluate import CASTS_FOLDER
-from cablecast.runs.folder import CONFIG_FILE, METRICS_FILE, RunFolder
+from cablecast.runs.folder import Parts, RunFolder
 from cablecast.runs.places import TUNE_FOLDER
 from cablecast.setup import SECTIONS, Setup
 from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 FRAME_DT = 0.02
 """Interval of the shapes that are drawn [s]: half of the time between two pictures on a screen that
 shows 25 a second, so that slow motion is smooth, too."""
+
+_TIP_HEIGHT = 0.01  # At which a free end is drawn whose height nobody saw [m].
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,9 +112,12 @@ class ShownCast:
         shape = self._between(self.nodes, time)
         return shape if np.all(np.isfinite(shape)) else None
 
-    def endpoint_at(self, time: float) -> Array:
-        """Return the free end at a time [s], shape [2]; NaN where it was not seen."""
-        return self._between(self.endpoint_xy, time)
+    def tip_at(self, time: float) -> Array:
+        """Return the free end at a time [m], shape [3]; NaN where it was not seen."""
+        nodes = self.nodes_at(time)
+        if nodes is not None:
+            return nodes[-1]
+        return np.append(self._between(self.endpoint_xy, time), _TIP_HEIGHT)
 
     def joints_at(self, time: float) -> Array | None:
         """Return the joint angles at a time [rad], shape [joint]; None for a rig without joints."""
@@ -125,13 +130,10 @@ class ShownCast:
 
     def _between(self, values: Array, time: float) -> Array:
         """Return the value at a time, between the steps before and after it."""
-        last = len(self.times) - 1
-        time = float(np.clip(time, 0.0, self.duration))
-        step = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, last))
-        if step == last:
-            return values[last]
-        part = (time - self.times[step]) / (self.times[step + 1] - self.times[step])
-        return (1.0 - part) * values[step] + part * values[step + 1]
+        place = float(np.interp(time, self.times, np.arange(len(self.times))))
+        before, after = math.floor(place), math.ceil(place)
+        part = place - before
+        return (1.0 - part) * values[before] + part * values[after]
 
 
 def _smooth(times: Array, values: Array, at: Array) -> Array:
@@ -202,6 +204,11 @@ class Collection:
         servo = None if self.tuned is None else self.tuned.servo
         return Dynamics(params=self.setup.cable.params, servo=servo)
 
+    @property
+    def fitted(self) -> Dynamics:
+        """Cable as it was fitted, or else as it is believed to be."""
+        return self.tuned or self.believed
+
     def measured(self, index: int) -> ShownCast | None:
         """Return a cast as it was seen; None where nobody looked."""
         check_count("cast", index, 0, len(self) - 1)
@@ -209,14 +216,14 @@ class Collection:
             return None
         return ShownCast.of_cast(dataset_cast(self.dataset, index))
 
-    def simulated(self, index: int, engine: Engine, dynamics: Dynamics | None = None) -> ShownCast:
-        """Return a cast as it is simulated, with the `believed` dynamics where None are given."""
+    def simulated(self, index: int, engine: Engine, dynamics: Dynamics) -> ShownCast:
+        """Return a cast as it is simulated with the dynamics of a cable."""
         check_count("cast", index, 0, len(self) - 1)
         action = self.dataset.actions[index]
         if not np.all(np.isfinite(action)):
             raise InputError(f"no action describes the motion of cast {index}")
         motion = plan_trajectory(Action.from_array(action), self.setup)
-        return ShownCast.simulated(motion, self.setup, engine, dynamics or self.believed)
+        return ShownCast.simulated(motion, self.setup, engine, dynamics)
 
     def shot(self, index: int, engine: Engine) -> Shot:
         """Return a cast to be filmed: as it was seen, beside the simulator."""
@@ -224,11 +231,11 @@ class Collection:
         target, label = self.target_xy[index], self.labels[index]
         target_xy = target if np.all(np.isfinite(target)) else None
         if measured is None:
-            simulated = self.simulated(index, engine, self.tuned)
+            simulated = self.simulated(index, engine, self.fitted)
             return Shot(cast=simulated, target_xy=target_xy, caption=label, result=label)
         simulated, result = None, label
         if np.all(np.isfinite(self.dataset.actions[index])):
-            simulated = self.simulated(index, engine, self.tuned)
+            simulated = self.simulated(index, engine, self.fitted)
         if target_xy is not None and self.dataset.status[index] == TrialStatus.OK.code:
             miss = float(np.linalg.norm(self.dataset.endpoint_xy[index] - target))
             result += f": {100 * miss / self.setup.cable.length:.1f} % of the cable's length off"
@@ -253,8 +260,8 @@ def open_collection(folder: str | os.PathLike[str]) -> Collection:
     for place in (path, path / CASTS_FOLDER):
         if (place / INFO_PATH).exists():
             return _of_dataset(place)
-    if (path / SESSION_FOLDER / CONFIG_FILE).exists():
-        return _of_session(path)
+    if (run := RunFolder.read(path / SESSION_FOLDER)) is not None:
+        return _of_session(path, run)
     if (path / PARAMS_FILE).exists():
         return _of_tuning(path)
     raise DatasetError(
@@ -274,11 +281,9 @@ def _of_dataset(path: pathlib.Path) -> Collection:
     return _collection(dataset.setup, dataset, path, targets, [0] * count)
 
 
-def _of_session(path: pathlib.Path) -> Collection:
-    run = RunFolder.read(path / SESSION_FOLDER)
-    settings = {} if run is None else run.settings
-    setup = Setup.from_dict({name: settings.get(name, {}) for name in SECTIONS})
-    store = CastStore(setup, path / SESSION_FOLDER)
+def _of_session(path: pathlib.Path, run: RunFolder) -> Collection:
+    setup = Setup.from_dict({name: run.settings.get(name, {}) for name in SECTIONS})
+    store = CastStore(setup, run.path)
     targets = np.array([cast.target_xy for cast in store.casts]).reshape(-1, 2)
     tries = [cast.try_number for cast in store.casts]
     return _collection(setup, store.dataset(range(len(store))), path, targets, tries)
@@ -286,8 +291,7 @@ def _of_session(path: pathlib.Path) -> Collection:
 
 def _of_tuning(path: pathlib.Path) -> Collection:
     """Return the casts that parameters were fitted to, which lie beside the result."""
-    metrics = read_json(path / METRICS_FILE) if (path / METRICS_FILE).exists() else {}
-    fingerprint = metrics.get("dataset_fingerprint", "")
+    fingerprint = (Parts(path).get("metrics") or {}).get("dataset_fingerprint", "")
     for place in sorted(path.resolve().parent.iterdir()):
         if (place / INFO_PATH).exists() and read_info(place).get("fingerprint") == fingerprint:
             found = _of_dataset(place)

@@ -29,13 +29,13 @@ from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.film import KINDS, FilmConfig, write_film
 from cablecast.view.look import Collection, ShownCast, open_collection
-from cablecast.view.scene import FIGURE_COLORS, Stage, start_server, stop_server, update
+from cablecast.view.scene import Stage, start_server, stop_server, update
 from cablecast.view.shapes import BLUE, SLATE, miss_map, viewpoint
 from cablecast.view.words import (
     legend_text,
+    motions_text,
     plan_text,
     status_text,
-    swatch,
     tour_text,
     tries_text,
     try_name,
@@ -113,16 +113,13 @@ class Page:
         self.desk, self.worker, self._prepare = desk, worker, prepare
         self._folder = folder
         self._lock = threading.RLock()
-        self._show_time: Callable[[float], None] = lambda time: None
         self.server = start_server(host, port)
         gui: Any = self.server.gui
         gui.add_html(PHONE_STYLE)
         gui.set_panel_label("cablecast")
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BLUE)
         gui.main_panel.dock_right()
-        self.stage = Stage(
-            self.server, desk.setup, lambda time: self._show_time(time), rate=rate, meshes=meshes
-        )
+        self.stage = Stage(self.server, desk.setup, rate=rate, meshes=meshes)
         camera = self.server.initial_camera
         camera.position, camera.look_at, camera.fov = viewpoint(desk.setup, WIDE)
         self._refreshers: list[Callable[[], None]] = []
@@ -139,7 +136,6 @@ class Page:
         self._add_view(gui)
         if hasattr(desk.rig, "picture"):
             self._add_camera(gui)
-        self._rest: ShownCast | None = None
         self._map_is_shown = False
         # Not the scene's own clicks: those leave out taps of a finger.
         self.stage.table.on_click(self._clicked)
@@ -235,7 +231,7 @@ class Page:
         if visible:
             if self.desk.session is None:
                 raise InputError("no model predicts yet where casts land: get ready first")
-            miss = miss_map(self.desk.session.model.policy)[1]
+            miss = miss_map(self.desk.session.model.policy)
         self.stage.table.show_map(miss)
         self._map_is_shown = visible
 
@@ -275,23 +271,22 @@ class Page:
             self.stage.show({"measured": shown}, shown.duration)
         elif preview is not None:
             self.stage.show({"measured": preview.cast}, 0.0)
-        elif (rest := self._resting()) is not None:
-            self.stage.show({"measured": rest}, 0.0)
+        elif self._resting is not None:
+            self.stage.show({"measured": self._resting}, 0.0)
 
     def _mark(self, target_xy: NDArray[np.float64]) -> None:
         """Draw a target and the landings of the tries at it."""
         self.stage.table.target(target_xy)
         self.stage.table.landings(self.desk.tries_at(target_xy))
 
+    @functools.cached_property
     def _resting(self) -> ShownCast | None:
-        """Return the arm and the cable after a reset."""
-        if self._rest is None:
-            action = Action(theta1=np.radians(-30), theta2=np.radians(20), r2=0.6)
-            try:
-                self._rest = self.desk.simulate(plan_trajectory(action, self.desk.setup))
-            except CablecastError:
-                return None
-        return self._rest
+        """The arm and the cable after a reset; None where no motion starts there."""
+        action = Action(theta1=np.radians(-30), theta2=np.radians(20), r2=0.6)
+        try:
+            return self.desk.simulate(plan_trajectory(action, self.desk.setup))
+        except CablecastError:
+            return None
 
     def _show_plan(self, preview: Preview) -> None:
         self._mark(preview.proposal.target_xy)
@@ -360,26 +355,24 @@ class Page:
         """Add target, plan, cast, correct, undo, and the tries so far."""
         desk, worker = self.desk, self.worker
         status = gui.add_markdown("")
+
+        def cast_seen(event: Any) -> None:
+            self._confirm(event, functools.partial(self.cast, desk.preview))
+
+        def correct_seen(event: Any) -> None:
+            self._confirm(event, functools.partial(self.correct, desk.last))
+
         make = gui.add_button("Get ready", color="blue", icon="wand")
         make.on_click(lambda event: self._confirm(event, self.prepare))
         cast = gui.add_button("Cast", color="blue", icon="player-play-filled")
-        cast.on_click(
-            lambda event: self._confirm(event, functools.partial(self.cast, desk.preview))
-        )
+        cast.on_click(cast_seen)
         correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
-        correct.on_click(
-            lambda event: self._confirm(event, functools.partial(self.correct, desk.last))
-        )
+        correct.on_click(correct_seen)
         other = gui.add_button("Another target", color="blue", icon="target")
         other.on_click(lambda _: self.guard(lambda: self.aim(desk.other_target())))
         anyway = gui.add_button("Cast all the same", color=SLATE)
         anyway.on_click(
-            lambda event: self._confirm(
-                event,
-                functools.partial(self.cast, desk.preview)
-                if desk.phase is Phase.PLANNED
-                else functools.partial(self.correct, desk.last),
-            )
+            lambda event: (cast_seen if desk.phase is Phase.PLANNED else correct_seen)(event)
         )
         stop = gui.add_button("Stop", color="red", icon="hand-stop")
         stop.on_click(lambda _: worker.stop())
@@ -508,7 +501,7 @@ class Page:
                 slider.max = round(duration, 2)
             update(slider, value=round(min(time, duration), 2))
 
-        self._show_time = show_time
+        player.on_frame = show_time
 
     def _add_view(self, gui: Any) -> None:
         """Add the map of expected misses."""
@@ -551,12 +544,9 @@ class Page:
 
 def _refresh_bar(bar: Any, state: WorkState) -> None:
     """Show how far some work is; a full bar where it does not say."""
-    update(bar, visible=bool(state.name))
     progress = state.progress
-    if progress is not None and progress.total:
-        update(bar, value=round(100.0 * progress.done / progress.total, 1))
-    elif state.name:
-        update(bar, value=100.0)
+    share = 1.0 if progress is None or not progress.total else progress.done / progress.total
+    update(bar, visible=bool(state.name), value=round(100.0 * share, 1))
 
 
 def shrunk(picture: NDArray[np.uint8], width: int = _CAMERA_WIDTH) -> NDArray[np.uint8]:
@@ -650,8 +640,6 @@ class LookTab:
 
     def tick(self, kind: str, on: bool) -> None:
         """Show one kind of motion of the cast, or hide it."""
-        if self._collection is None:
-            return
         self.shown.pop(kind, None)
         if on:
             self._make(kind)
@@ -667,23 +655,21 @@ class LookTab:
 
     def _make(self, kind: str) -> None:
         """Compute one kind of motion of the cast; nothing where it was not seen."""
-        collection, index, engine = self._need(), self._index, self._page.desk.engine
-        tuned = collection.tuned or collection.believed
-        if kind == "measured":
-            cast = collection.measured(index)
+        collection, engine = self._need(), self._page.desk.engine
+        dynamics = collection.believed if kind == "believed" else collection.fitted
+        if kind == "sliders":
+            exponents = {name: float(slider.value) for name, slider in self._sliders.items()}
+            dynamics = dynamics.with_params(slid_params(dynamics.params, exponents))
         elif kind == "MuJoCo":
             from cablecast.engines.mujoco_ import EngineMujoco
 
+            engine = EngineMujoco()
             # MuJoCo's cable has no material beside the ten parameters.
-            plain = tuned.with_params(tuned.params.without_material())
-            cast = collection.simulated(index, EngineMujoco(), plain)
-        elif kind == "sliders":
-            exponents = {name: float(slider.value) for name, slider in self._sliders.items()}
-            slid = tuned.with_params(slid_params(tuned.params, exponents))
-            cast = collection.simulated(index, engine, slid)
+            dynamics = dynamics.with_params(dynamics.params.without_material())
+        if kind == "measured":
+            cast = collection.measured(self._index)
         else:
-            dynamics = collection.tuned if kind == "tuned" else collection.believed
-            cast = collection.simulated(index, engine, dynamics)
+            cast = collection.simulated(self._index, engine, dynamics)
         if cast is not None:
             self.shown[kind] = cast
 
@@ -696,8 +682,7 @@ class LookTab:
         while True:
             self._slid.wait()
             self._slid.clear()
-            if self._collection is not None:
-                self._page.guard(self.slide)
+            self._page.guard(self.slide)
 
     def slide(self) -> None:
         """Show the cast with the parameters of the sliders, at rest."""
@@ -714,18 +699,7 @@ class LookTab:
         self._describe()
 
     def _describe(self) -> None:
-        """Say which colour is which, and how far each ends from the measured cast."""
-        length = self._need().setup.cable.length
-        ends = {kind: cast.endpoint_xy[-1] for kind, cast in self.shown.items()}
-        lines = ["| motion | ends at | from measured |", "|---|---|---|"]
-        for kind, end in ends.items():
-            apart, seen = "", np.all(np.isfinite([end, ends.get("measured", end)]))
-            if "measured" in ends and kind != "measured" and seen:
-                apart = f"{100 * float(np.linalg.norm(end - ends['measured'])) / length:.1f} %"
-            color = swatch(FIGURE_COLORS[kind])
-            place = f"{end[0]:.2f}, {end[1]:.2f} m" if np.all(np.isfinite(end)) else "not seen"
-            lines.append(f"| {color} {kind} | {place} | {apart} |")
-        update(self._text, content="\n".join(lines))
+        update(self._text, content=motions_text(self.shown, self._need().setup.cable.length))
 
     def _need(self) -> Collection:
         if self._collection is None:

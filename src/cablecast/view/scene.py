@@ -23,6 +23,7 @@ from cablecast.view.shapes import (
     ARM,
     BLUE,
     GREEN,
+    GREY,
     INK,
     JOINT,
     PURPLE,
@@ -71,7 +72,6 @@ FIGURE_COLORS: dict[str, Color] = {
 
 _PLAN_OPACITY = 0.5
 _REST_OPACITY = 0.25
-_EARLIER = (123, 135, 148)  # Colour of the landings before the last.
 _TEXT_HEIGHT = 0.07  # Of the text at a landing [m].
 _TEXT_AWAY = 0.1  # Distance of that text from the landing [m].
 _TEXT_ROOM = np.array([0.22, 0.08])  # Nearer to the last text, an earlier number is left out [m].
@@ -82,6 +82,7 @@ _GROUND = 20.0  # Half of the width of the unseen ground that answers to clicks 
 _AXIS = 0.28  # Length of the base frame's axes, which end beyond the arm's foot [m].
 # An image of viser lies in its own x-y plane with y down, so it is turned about x.
 _FLAT = (0.0, 1.0, 0.0, 0.0)
+_SHADOWLESS: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
 def start_server(host: str, port: int) -> "viser.ViserServer":
@@ -124,12 +125,11 @@ class MeshesDrawing:
         self._handles = [
             server.scene.add_mesh_simple(
                 f"{name}/{piece}",
-                mesh.vertices.astype(np.float32),
-                mesh.faces.astype(np.uint32),
+                mesh.vertices,
+                mesh.faces,
                 color=mesh.color,
                 flat_shading=True,
-                cast_shadow=False,
-                receive_shadow=False,
+                **_SHADOWLESS,
             )
             for piece, mesh in meshes.pieces.items()
         ]
@@ -169,8 +169,8 @@ class RodsDrawing:
         def add(part: str, mesh: Any, quats: Array, places: Array, scales: Array, paint: Color):
             return server.scene.add_batched_meshes_simple(
                 f"{name}/{part}",
-                np.asarray(mesh.vertices, dtype=np.float32),
-                np.asarray(mesh.faces, dtype=np.uint32),
+                mesh.vertices,
+                mesh.faces,
                 quats,
                 places,
                 batched_scales=scales,
@@ -239,18 +239,14 @@ class Figure:
         self._rods: RodsDrawing | None = None
         self._drawn_meshes: MeshesDrawing | None = None
         self._cable: Any = None
-        self._node_count = 0
         self._visible = True
-        vertices, faces = ribbon(np.zeros((1, 2)), 2 * LIFT)
         self._trail = server.scene.add_mesh_simple(
             f"{name}/trail",
-            vertices.astype(np.float32),
-            faces,
+            *ribbon(np.zeros((1, 2)), 2 * LIFT),
             color=color,
             side="double",
             visible=False,
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
         self._tip = server.scene.add_icosphere(
             f"{name}/tip",
@@ -276,7 +272,7 @@ class Figure:
             self._draw_cable(nodes)
         if self._cable is not None:
             update(self._cable, visible=nodes is not None)
-        tip = nodes[-1] if nodes is not None else np.append(cast.endpoint_at(time), 0.01)
+        tip = cast.tip_at(time)
         update(self._tip, visible=bool(np.all(np.isfinite(tip))))
         if self._tip.visible:
             self._tip.position = tip
@@ -313,19 +309,17 @@ class Figure:
 
     def _draw_cable(self, nodes: Array) -> None:
         vertices, faces = tube(nodes, self._setup.cable.radius)
-        if self._cable is not None and self._node_count == len(nodes):
-            self._cable.vertices = vertices.astype(np.float32)
+        if self._cable is not None and len(self._cable.vertices) == len(vertices):
+            self._cable.vertices = vertices
             return
-        self._node_count = len(nodes)
         self._cable = self._server.scene.add_mesh_simple(
             f"{self._name}/cable",
-            vertices.astype(np.float32),
+            vertices,
             faces,
             color=self._color,
             opacity=self._opacity,
             side="double",
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
 
     @property
@@ -367,12 +361,11 @@ class Table:
         corners = _GROUND * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
         ground = self._server.scene.add_mesh_simple(
             "/room/ground",
-            corners.astype(np.float32),
-            np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32),
+            corners,
+            np.array([[0, 1, 2], [0, 2, 3]]),
             opacity=0.0,
             position=(0.0, 0.0, -2 * _THICKNESS),
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
         ground.on_click(action)
 
@@ -444,10 +437,9 @@ class Table:
             if not np.all(np.isfinite(one.final_xy)):
                 continue
             name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
-            x, y = map(float, one.final_xy)
-            color = INK if is_last else _EARLIER
+            color = INK if is_last else GREY
             self._server.scene.add_icosphere(
-                f"{name}/ball", 0.014, color, position=(x, y, 0.012), cast_shadow=False
+                f"{name}/ball", 0.014, color, position=(*one.final_xy, 0.012), cast_shadow=False
             )
             ends = level(np.stack([one.target_xy, one.final_xy]), 3 * LIFT)
             self._lines(f"{name}/miss", ends[None], color, 2.5 if is_last else 1.0)
@@ -458,8 +450,8 @@ class Table:
             apart = np.abs(_text_xy(one) - _text_xy(trials[-1]))
             # The last one may not have landed.
             if is_last or not np.all(apart <= _TEXT_ROOM):
-                x, y = map(float, _text_xy(one))
-                self._text(f"{name}/label", text, (x, y, _TEXT_LIFT), color, _TEXT_HEIGHT, WHITE)
+                place = (*_text_xy(one), _TEXT_LIFT)
+                self._text(f"{name}/label", text, place, color, _TEXT_HEIGHT, WHITE)
 
     def show_map(self, miss: Array | None) -> None:
         """Lay a map of expected misses on the table, below the lines; take it away where None."""
@@ -475,17 +467,12 @@ class Table:
             format="png",
             wxyz=_FLAT,
             position=(0.0, (table.y_min + table.y_max) / 2, LIFT / 2),
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
 
     def _lines(self, name: str, segments: Array, color: Color, thickness: float) -> None:
         self._server.scene.add_line_segments(
-            name,
-            segments.astype(np.float32),
-            color,
-            thickness=thickness,
-            thickness_units="screen",
+            name, segments, color, thickness=thickness, thickness_units="screen"
         )
 
     def _text(
@@ -507,8 +494,7 @@ class Table:
             format="png",
             wxyz=_FLAT,
             position=position,
-            cast_shadow=False,
-            receive_shadow=False,
+            **_SHADOWLESS,
         )
 
 
@@ -522,7 +508,6 @@ class Player:
     """Plays casts side by side in a thread of its own, and hides figures that no longer play.
 
     Args:
-        on_frame: Called with the time [s] at every frame, e.g. to move a slider.
         rate: Frames a second [1/s].
         pause: Time that the end of a cast is shown before the next round [s].
 
@@ -531,20 +516,15 @@ class Player:
         speed: Shown seconds per second.
         playing: True while the time runs.
         frame_count: Number of frames shown so far.
+        on_frame: Called with the time [s] at every frame, e.g. to move a slider.
     """
 
-    def __init__(
-        self,
-        on_frame: Callable[[float], None] | None = None,
-        *,
-        rate: float = 25.0,
-        pause: float = 0.8,
-    ):
+    def __init__(self, *, rate: float = 25.0, pause: float = 0.8):
         self.time = 0.0
         self.speed = 1.0
         self.playing = False
         self.frame_count = 0
-        self._on_frame = on_frame or (lambda time: None)
+        self.on_frame: Callable[[float], None] = lambda time: None
         self._rate, self._pause = rate, pause
         self._acts: list[tuple[Any, ShownCast]] = []
         self._rounds = 1
@@ -625,7 +605,7 @@ class Player:
         for figure, cast in self._acts:
             figure.show(cast, self.time)
         self.frame_count += 1
-        self._on_frame(self.time)
+        self.on_frame(self.time)
 
     def _run(self) -> None:
         before = time.monotonic()
@@ -670,14 +650,13 @@ class Stage:
         self,
         server: "viser.ViserServer",
         setup: Setup,
-        on_frame: Callable[[float], None],
         *,
         rate: float,
         meshes: ArmMeshes | None,
     ):
         self._server, self._setup, self._meshes = server, setup, meshes
         self.table = Table(server, setup)
-        self.player = Player(on_frame, rate=rate)
+        self.player = Player(rate=rate)
         self.figures: dict[str, Figure] = {}
 
     def play(

@@ -9,6 +9,7 @@ from cablecast.arm.base import Arm
 from cablecast.arm.shape import GRIPPER_ROD_COUNT, arm_shape
 from cablecast.learning.policy import Policy
 from cablecast.setup import Setup
+from cablecast.workspace import Workspace
 
 Array = NDArray[np.float64]
 Color = tuple[int, int, int]
@@ -20,6 +21,7 @@ GREEN: Color = (0, 158, 115)
 PURPLE: Color = (204, 121, 167)
 SKY: Color = (86, 180, 233)
 INK: Color = (31, 41, 51)
+GREY: Color = (123, 135, 148)
 SLATE: Color = (71, 85, 105)
 WHITE: Color = (255, 255, 255)
 TABLE: Color = (226, 214, 194)
@@ -60,30 +62,28 @@ class Rods:
     """Rounded rods.
 
     Attributes:
-        starts: One end of each rod's axis [m], shape [rod, 3].
-        ends: Other end [m], shape [rod, 3].
+        ends: Both ends of each rod's axis [m], shape [rod, 2, 3].
         radii: Radius [m], shape [rod].
     """
 
-    starts: Array
     ends: Array
     radii: Array
 
     @property
     def scales(self) -> Array:
         """Scales of a unit cylinder along z, shape [rod, 3]."""
-        length = np.linalg.norm(self.ends - self.starts, axis=1)
+        length = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1)
         return np.stack([self.radii, self.radii, np.maximum(length, 1e-4)], axis=1)
 
     @property
     def centers(self) -> Array:
         """Centres of the rods [m], shape [rod, 3]."""
-        return (self.starts + self.ends) / 2
+        return self.ends.mean(axis=1)
 
     @property
     def quats_wxyz(self) -> Array:
         """Rotations of a cylinder along z onto the rods, shape [rod, 4]."""
-        along = self.ends - self.starts
+        along = self.ends[:, 1] - self.ends[:, 0]
         length = np.linalg.norm(along, axis=1, keepdims=True)
         up = np.array([0.0, 0.0, 1.0])
         u = np.where(length > 1e-9, along / np.maximum(length, 1e-9), up)
@@ -96,23 +96,23 @@ class Rods:
     @property
     def joints(self) -> tuple[Array, Array]:
         """Balls that round the rods off: centres [m] and radii [m], shapes [ball, 3], [ball]."""
-        centers = np.concatenate([self.starts[:1], self.ends])
+        centers = np.concatenate([self.ends[:1, 0], self.ends[:, 1]])
         return centers, _BALL_SHARE * np.concatenate([self.radii[:1], self.radii])
 
 
 def arm_rods(q: ArrayLike, arm: Arm) -> Rods:
     """Return arm and gripper at joint angles [rad], shape [joint]."""
     shape = arm_shape(np.asarray(q, dtype=float)[None], arm)
-    return Rods(starts=shape.ends[0, :, 0], ends=shape.ends[0, :, 1], radii=shape.radii)
+    return Rods(ends=shape.ends[0], radii=shape.radii)
 
 
 def gripper_rods(q: ArrayLike, arm: Arm) -> Rods:
     """Return the gripper alone at joint angles [rad], shape [joint]."""
-    rods, count = arm_rods(q, arm), GRIPPER_ROD_COUNT
-    return Rods(starts=rods.starts[-count:], ends=rods.ends[-count:], radii=rods.radii[-count:])
+    rods = arm_rods(q, arm)
+    return Rods(ends=rods.ends[-GRIPPER_ROD_COUNT:], radii=rods.radii[-GRIPPER_ROD_COUNT:])
 
 
-def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.uint32]]:
+def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.integer]]:
     """Return the cable as one mesh, drawn at least visibly thick.
 
     A browser moves the vertices of one mesh with far less work than a row of rods.
@@ -139,13 +139,8 @@ def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.uint32]]:
     here, there = node * _TUBE_SIDES + corner, (node + 1) * _TUBE_SIDES + corner
     after = (corner + 1) % _TUBE_SIDES
     here_next, there_next = node * _TUBE_SIDES + after, (node + 1) * _TUBE_SIDES + after
-    faces = np.concatenate(
-        [
-            np.stack([here, there, here_next], axis=-1).reshape(-1, 3),
-            np.stack([here_next, there, there_next], axis=-1).reshape(-1, 3),
-        ]
-    )
-    return vertices, faces.astype(np.uint32)
+    corners = [here, there, here_next, here_next, there, there_next]
+    return vertices, np.stack(corners, axis=-1).reshape(-1, 3)
 
 
 def thinned(points: Array, whole_count: int) -> Array:
@@ -157,7 +152,7 @@ def thinned(points: Array, whole_count: int) -> Array:
     return points if len(points) < 2 else np.concatenate([points[:-1:step], points[-1:]])
 
 
-def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.uint32]]:
+def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.integer]]:
     """Return a path on the table as a flat mesh that always has the same number of vertices.
 
     Args:
@@ -175,13 +170,12 @@ def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.uint32]]:
     edges = [np.concatenate([edge, np.repeat(xy[-1:], more, 0)]) for edge in (xy + side, xy - side)]
     vertices = level(np.stack(edges, axis=1).reshape(-1, 2), height)
     left = 2 * np.arange(TRAIL_COUNT - 1)[:, None]
-    faces = np.concatenate([left + [0, 1, 2], left + [1, 3, 2]])
-    return vertices, faces.astype(np.uint32)
+    return vertices, np.concatenate([left + [0, 1, 2], left + [1, 3, 2]])
 
 
 def level(xy: Array, height: float) -> Array:
-    """Return points on the table [m] at a height [m], shape [point, 3]."""
-    return np.concatenate([xy, np.full((len(xy), 1), height)], axis=1)
+    """Return points on the table [m], shape [..., 2], at a height [m], shape [..., 3]."""
+    return np.concatenate([xy, np.full_like(xy[..., :1], height)], axis=-1)
 
 
 def polyline(points: Array) -> Array:
@@ -207,14 +201,13 @@ def hatched_circle(center_xy: ArrayLike, radius: float, height: float) -> Array:
     along = np.array([1.0, -1.0]) / np.sqrt(2.0)
     middles = center + away[:, None] * across
     ends = np.stack([middles - half[:, None] * along, middles + half[:, None] * along], axis=1)
-    lines = level(ends.reshape(-1, 2), height).reshape(-1, 2, 3)
-    return np.concatenate([circle(center_xy, radius, height), lines])
+    return np.concatenate([circle(center, radius, height), level(ends, height)])
 
 
 def target_marks(xy: Array, height: float) -> Array:
     """Return two rings and a cross at a target [m], shape [segment, 2, 3]."""
     arm = np.array([[[0.06, 0.0]], [[0.0, 0.06]]])
-    cross = level((xy + arm * [[-1.0], [1.0]]).reshape(-1, 2), height).reshape(2, 2, 3)
+    cross = level(xy + arm * [[-1.0], [1.0]], height)
     return np.concatenate([circle(xy, 0.02, height), circle(xy, 0.045, height), cross])
 
 
@@ -269,30 +262,26 @@ def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float
     return look_at + away * np.array([0.0, -cos, sin]), look_at, float(_FOV)
 
 
-def miss_map(policy: Policy, step: float = _MAP_STEP) -> tuple[Array, Array]:
-    """Return how far casts of a policy are expected to miss, over the whole table.
+def map_targets(table: Workspace) -> Array:
+    """Return the targets of the map, all over the table [m], shape [row, column, 2]."""
+    x = np.arange(-table.half_width + _MAP_STEP / 2, table.half_width, _MAP_STEP)
+    y = np.arange(table.y_min + _MAP_STEP / 2, table.y_max, _MAP_STEP)
+    return np.stack(np.meshgrid(x, y), axis=-1)
 
-    Args:
-        policy: Policy.
-        step: Distance of the targets [m].
 
-    Returns:
-        Targets [m], shape [row, column, 2], and expected misses [m], shape [row, column]: the
-        prediction's, and the shift for errors of the action of one degree and one centimetre;
-        NaN out of reach.
+def miss_map(policy: Policy) -> Array:
+    """Return how far casts of a policy are expected to miss `map_targets` [m], [row, column].
+
+    That is the prediction's miss, and the shift for errors of the action of one degree and one
+    centimetre; NaN out of reach.
     """
-    setup = policy.setup
-    table = setup.workspace
-    x = np.arange(-table.half_width + step / 2, table.half_width, step)
-    y = np.arange(table.y_min + step / 2, table.y_max, step)
-    xy = np.stack(np.meshgrid(x, y), axis=-1)
-    flat = xy.reshape(-1, 2)
-    inside = np.hypot(*flat.T) <= table.reach(setup.cable.length)
-    miss = np.full(len(flat), np.nan)
-    plan = policy.plan(flat[inside])
+    xy = map_targets(policy.setup.workspace)
+    miss = np.full(xy.shape[:2], np.nan)
+    inside = np.linalg.norm(xy, axis=-1) <= policy.setup.workspace.reach(policy.setup.cable.length)
+    plan = policy.plan(xy[inside])
     offset = np.linalg.norm(plan.predicted_xy - plan.target_xy, axis=1)
     miss[inside] = np.hypot(offset, np.nan_to_num(plan.sensitivity))
-    return xy, miss.reshape(xy.shape[:2])
+    return miss
 
 
 def map_image(miss: Array, setup: Setup) -> NDArray[np.uint8]:

@@ -1,7 +1,7 @@
 """Words of the page, in Markdown: the state of the table, a plan, the tries, the map."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,9 @@ from cablecast.conventions import xy_to_polar
 from cablecast.report.words import region_text
 from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Desk, Phase, Preview
-from cablecast.view.scene import EXPECTED_SHARE
-from cablecast.view.shapes import MAP_COLORS, MAP_FULL_SHARE, Color
+from cablecast.view.look import ShownCast
+from cablecast.view.scene import EXPECTED_SHARE, FIGURE_COLORS
+from cablecast.view.shapes import MAP_COLORS, MAP_FULL_SHARE
 from cablecast.view.worker import WorkState
 
 _ROWS = 5  # Tries in the table; the others can be chosen from the list below it.
@@ -164,7 +165,16 @@ def legend_text(length: float) -> str:
     )
 
 
-def swatch(color: Color) -> str:
-    """Return a small square in a colour."""
-    red, green, blue = color
-    return f'<span style="color: rgb({red},{green},{blue})">■</span>'
+def motions_text(casts: Mapping[str, ShownCast], length: float) -> str:
+    """Return a table of the motions of a cast: which colour is which, and where each ends.
+
+    How far it ends from the measured one is in % of the cable's length [m].
+    """
+    ends, rows = {kind: cast.endpoint_xy[-1] for kind, cast in casts.items()}, []
+    for kind, end in ends.items():
+        place = f"{end[0]:.2f}, {end[1]:.2f} m" if np.all(np.isfinite(end)) else "not seen"
+        apart = 100 * float(np.linalg.norm(end - ends.get("measured", np.nan))) / length
+        share = f"{apart:.1f} %" if kind != "measured" and math.isfinite(apart) else ""
+        color = f'<span style="color: rgb{FIGURE_COLORS[kind]}">■</span>'
+        rows.append((f"{color} {kind}", place, share))
+    return _table(("motion", "ends at", "from measured"), rows)

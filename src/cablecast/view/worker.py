@@ -54,7 +54,7 @@ class Worker:
         self.state = WorkState()
         self.notify: Callable[[], None] = lambda: None
         self._lock = threading.Lock()
-        self._thread = threading.current_thread()
+        self._thread = threading.get_ident()
         self._queue: queue.SimpleQueue[Work] = queue.SimpleQueue()
         self._stops = 0
         self._ended = False
@@ -80,17 +80,16 @@ class Worker:
             self._queue.put(work)
         self.notify()
 
-    def stop(self) -> bool:
-        """Interrupt the work under way as Ctrl-C would; return whether there was any.
+    def stop(self) -> None:
+        """Interrupt the work under way, if any, as Ctrl-C would.
 
         A rig is interrupted where it stands, so that its own `finally` clauses stop the arm.
         """
         with self._lock:
             if not self.state.name:
-                return False
+                return
             self._stops += 1
-        signal.pthread_kill(self._thread.ident or 0, signal.SIGINT)
-        return True
+        signal.pthread_kill(self._thread, signal.SIGINT)
 
     def forget(self) -> None:
         """Forget how the last work ended: there is other news."""
