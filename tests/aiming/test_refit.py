@@ -21,7 +21,7 @@ pytest.importorskip("matplotlib")
 COARSE = {"segment_count": 10, "dt": 2e-3}
 SEARCH = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
 SMALL = {"calibration_count": 3, "simulated_count": 120, "candidate_count": 200, "epochs": 2}
-QUICK = SimulatorConfig(fit=SEARCH, spread_count=5, **COARSE)
+QUICK = SimulatorConfig(fit=SEARCH, spread_count=3, **COARSE)
 SETUP = cc.Setup()
 TARGETS = np.array([[0.3, 1.1], [-0.2, 1.1]])
 
