@@ -110,8 +110,8 @@ def test_the_tag_s_centre_is_followed_at_its_height_and_gaps_stay_gaps(
 
 def test_another_tag_of_that_number_and_another_size_is_not_followed(table):
     tag = EndTag(id=17, size=0.03)
-    settings = CameraSettings(source="0", end_tag=dataclasses.replace(tag, size=0.06))
-    tracker = TagTracker(VIEW, SETUP.workspace, settings, TrackerConfig(marker_z=HEIGHT))
+    larger = dataclasses.replace(tag, size=0.06)
+    tracker = TagTracker(VIEW, SETUP.workspace, larger, TrackerConfig(marker_z=HEIGHT))
     image = frame(table, 0.0, tag)
     assert np.isnan(tracker.update(0.0, lambda w: image[w[1] : w[3], w[0] : w[2]])).all()
 
