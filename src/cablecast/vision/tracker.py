@@ -397,22 +397,15 @@ def sample_path(
     A sample that falls on a frame is that frame's. One between two frames lies on the line between
     them, and is NaN if either is NaN or they are more than two frames apart.
     """
-    sampled = np.full((len(sample_times), 2), np.nan)
-    if len(times) == 0:
-        return sampled
+    if not len(times):
+        return np.full((len(sample_times), 2), np.nan)
     frame_dt = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    near = 0.05 * frame_dt + 1e-9
-    for i, time in enumerate(sample_times):
-        after = int(np.searchsorted(times, time))
-        nearest = min(max(after - 1, 0), len(times) - 1)
-        if after < len(times) and abs(times[after] - time) < abs(times[nearest] - time):
-            nearest = after
-        if abs(times[nearest] - time) <= near:
-            sampled[i] = xy[nearest]
-        elif 0 < after < len(times) and times[after] - times[after - 1] < 1.5 * frame_dt:
-            part = (time - times[after - 1]) / (times[after] - times[after - 1])
-            sampled[i] = (1 - part) * xy[after - 1] + part * xy[after]
-    return sampled
+    gaps = np.diff(times, prepend=-np.inf, append=np.inf)[np.searchsorted(times, sample_times)]
+    between = np.stack([np.interp(sample_times, times, column) for column in xy.T], axis=-1)
+    between[gaps >= 1.5 * frame_dt] = np.nan
+    apart = np.abs(sample_times[:, None] - times)
+    is_on_frame = apart.min(axis=1) <= 0.05 * frame_dt + 1e-9
+    return np.where(is_on_frame[:, None], xy[apart.argmin(axis=1)], between)
 
 
 def track_samples(
