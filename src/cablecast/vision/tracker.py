@@ -124,7 +124,7 @@ class _Patch:
             blurred [px²].
         hue_off: Mean hue, from the one that is looked for [deg].
         extent: Standard deviation of the chroma along the longer and the shorter axis [px].
-        box: Left, top, right and bottom in the frame [px], the last two excluded.
+        box: Window that holds it.
         touches_edge: Whether it reaches the edge of the piece of image that was searched.
     """
 
@@ -134,7 +134,7 @@ class _Patch:
     area: float
     hue_off: float
     extent: tuple[float, float]
-    box: tuple[int, int, int, int]
+    box: Window
     touches_edge: bool
 
 
@@ -602,16 +602,21 @@ class EndpointTracker:
         self._chroma += 0.2 * (patch.chroma - self._chroma)
         # The area at rest only grows, when what covered the marker has gone: an arm that creeps
         # over it must not make it believed smaller.
-        if patch.area > self._area and self._blur_px() < _BLUR_SMALL:
+        if patch.area > self._area and self._blur_px < _BLUR_SMALL:
             self._area += 0.2 * (patch.area - self._area)
 
-    def _blur_px(self) -> float:
-        """Return the length of the marker's trace if it moves as it last did [px]."""
+    @property
+    def _velocity(self) -> NDArray[np.float64]:
+        """Velocity of the marker in the picture when it was seen last [px/s], shape [2]."""
         if len(self._seen) < 2:
-            return 0.0
+            return np.zeros(2)
         before, last = self._seen[-2:]
-        speed = float(np.linalg.norm(last.pixel - before.pixel)) / (last.time - before.time)
-        return speed * self.config.exposure_max
+        return (last.pixel - before.pixel) / (last.time - before.time)
+
+    @property
+    def _blur_px(self) -> float:
+        """Length of the marker's trace if it moves as it last did [px]."""
+        return float(np.linalg.norm(self._velocity)) * self.config.exposure_max
 
     def track(self, duration: float | None = None, start: float = 0.0) -> EndpointTrack:
         """Return the track so far, one sample every 100 ms since the motion began.
@@ -726,12 +731,8 @@ class EndpointTracker:
         centre, speed, radius = last.pixel, 0.0, 60.0
         # A long time after it was seen, it is where it was or anywhere.
         if lost_count <= 3:
-            velocity = np.zeros(2)
-            if len(self._seen) > 1:
-                before = self._seen[-2]
-                velocity = (last.pixel - before.pixel) / (last.time - before.time)
-            dt, speed = time - last.time, float(np.linalg.norm(velocity))
-            centre = last.pixel + velocity * dt
+            dt, speed = time - last.time, float(np.linalg.norm(self._velocity))
+            centre = last.pixel + self._velocity * dt
             radius = 0.5 * _ACCELERATION_MAX * self._px_per_m * dt * dt + 0.35 * speed * dt
         half = self.config.marker.length * self._px_per_m + 10.0
         half += min(radius, 250.0) + speed * exposure / 2
@@ -741,11 +742,11 @@ class EndpointTracker:
 
     def _around(self, centre: NDArray[np.float64], half: float) -> Window:
         """Return the window of the frame about a place, which is empty beyond its edges [px]."""
-        left, top = np.floor(centre - half).astype(int).tolist()
-        right, bottom = (np.ceil(centre + half).astype(int) + 1).tolist()
-        _, _, width, height = self._frame
-        left, top = min(max(left, 0), width), min(max(top, 0), height)
-        return left, top, max(min(right, width), left), max(min(bottom, height), top)
+        size = self._frame[2:]
+        left, top = np.clip(np.floor(centre - half).astype(int), 0, size).tolist()
+        high = np.ceil(centre + half).astype(int) + 1
+        right, bottom = np.clip(high, (left, top), size).tolist()
+        return left, top, right, bottom
 
     def _anywhere(self, time: float, grab: Grab) -> _Patch | None:
         """Return the marker from anywhere that it could have reached since it was seen."""
@@ -770,17 +771,11 @@ class EndpointTracker:
             still = self._still_chroma[top:bottom, left:right]
         patches = _find_patches(chroma, still, self._hue_tolerance, (left, top))
         least = max(_VIVID_MIN, 1.5 * chroma.least)
-        green, u_max, v_max = self.still_green, self._frame[2] - 1, self._frame[3] - 1
-
-        def lies_on_green(patch: _Patch) -> bool:
-            u, v = np.round(patch.pixel).astype(int)
-            return green is not None and bool(green[min(max(v, 0), v_max), min(max(u, 0), u_max)])
-
-        return [
-            self._as_amid_table(patch)
-            for patch in patches
-            if patch.vivid > least and not lies_on_green(patch)
-        ]
+        green, last = self.still_green, np.array(self._frame[2:]) - 1
+        if green is not None:
+            at = [np.clip(np.round(patch.pixel).astype(int), 0, last) for patch in patches]
+            patches = [patch for patch, (u, v) in zip(patches, at, strict=True) if not green[v, u]]
+        return [self._as_amid_table(patch) for patch in patches if patch.vivid > least]
 
     def _as_amid_table(self, patch: _Patch) -> _Patch:
         """Return a patch as large as it would look at the table's centre.
@@ -830,7 +825,7 @@ class EndpointTracker:
                 continue
             # The share says little of a marker that is slowly covered: it changes with the light.
             moved = float(np.linalg.norm(patch.pixel - self._seen[-1].pixel))
-            slow = self._blur_px() < _BLUR_SMALL and moved < 2.0 * _BLUR_SMALL
+            slow = self._blur_px < _BLUR_SMALL and moved < 2.0 * _BLUR_SMALL
             least = self._area_min - (_AREA_ROUGH if rough else 0.0)
             if slow and patch.area < least * self._area:
                 continue
