@@ -23,6 +23,7 @@ from cablecast.vision.tracker import (
     EndpointTracker,
     MarkerConfig,
     TrackerConfig,
+    grab_of,
     pick_marker,
     sample_path,
     sight_of,
@@ -239,9 +240,9 @@ def test_a_film_that_goes_dark_gives_nothing_and_the_marker_is_found_when_light_
 def test_times_of_frames_must_rise(calibration, workspace):
     tracker = EndpointTracker(calibration.view, workspace)
     black = np.zeros((1080, 1920, 3), np.uint8)
-    tracker.update(0.0, lambda w: black[w[1] : w[3], w[0] : w[2]])
+    tracker.update(0.0, grab_of(black))
     with pytest.raises(InputError, match="must rise"):
-        tracker.update(0.0, lambda w: black[w[1] : w[3], w[0] : w[2]])
+        tracker.update(0.0, grab_of(black))
 
 
 def test_a_sample_between_frames_lies_between_their_points_and_never_across_a_gap():
@@ -489,6 +490,6 @@ def test_a_marker_may_look_smaller_where_it_lands(view, end):
         share = min(max((frame - 2) / 20, 0.0), 1.0)
         xy = start + share**2 * (3 - 2 * share) * (np.array(end) - start)
         image = painted(view, xy, tracker.config.marker)
-        found = tracker.update(frame / 60, lambda w, i=image: i[w[1] : w[3], w[0] : w[2]])
+        found = tracker.update(frame / 60, grab_of(image))
         assert np.linalg.norm(found - xy) < 1e-3
     assert tracker.track().status is TrialStatus.OK

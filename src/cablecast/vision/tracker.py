@@ -91,6 +91,11 @@ _BRINK = 0.03
 """Distance from the table's left, right or far edge within which what vanishes fell over it [m]."""
 
 
+def grab_of(image: NDArray[np.uint8]) -> Grab:
+    """Return the function that returns pieces of a frame which is there whole."""
+    return lambda window: image[window[1] : window[3], window[0] : window[2]]
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MarkerConfig:
     """Size and colour of the marker.
