@@ -7,16 +7,16 @@ import pytest
 
 pytest.importorskip("cv2")
 
+from tests.vision.player import CABLE, glide
+
 from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
-from cablecast.cable import load_cable
 from cablecast.camera.lens import CameraView, Lens
 from cablecast.cast import TrialStatus
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.config import CameraConfig, LightConfig
-from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import (
@@ -38,27 +38,7 @@ ERROR_RMS = 3e-3
 ERROR_MAX = 8e-3
 # So far below the arm's silhouette no part of the marker is in sight, so far beside it all is [m].
 DEEP, CLEAR = -0.02, 0.035
-DT = 0.01
-CABLE = load_cable("cable_1")
 ARM = ArmUR()
-
-
-def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0, 0.6)):
-    """Return a cable whose end goes from one place to another and rests; it follows in a bow."""
-    times = np.arange(round((duration + rest) / DT) + 1) * DT
-    u = np.clip(times / duration, 0, 1)
-    s = (u**3 * (10 - 15 * u + 6 * u * u))[:, None]
-    path = np.asarray(start) + s * (np.asarray(end) - np.asarray(start))
-    share = np.linspace(0, 1, 12)[:, None]
-    chord = path[:, None] - np.asarray(grip)
-    across = np.stack([-chord[..., 1], chord[..., 0]], axis=-1)
-    xy = np.asarray(grip) + share * chord + 0.3 * np.sin(np.pi * share) * across
-    height = np.full((*xy.shape[:2], 1), CABLE.radius)
-    if z is not None:
-        # Beyond the table the cable hangs: everything past the edge is below it.
-        height = np.where(np.abs(xy[..., :1]) > Workspace().half_width, z, height)
-    nodes = np.concatenate([xy, height], axis=-1)
-    return FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=joint_path)
 
 
 def still_arm(theta, reach):

@@ -10,9 +10,8 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from tests.vision.player import Player
+from tests.vision.player import CABLE, Player, glide
 
-from cablecast.cable import load_cable
 from cablecast.camera.settings import CameraSettings
 from cablecast.cast import TrialStatus
 from cablecast.errors import CameraError, InputError
@@ -20,7 +19,6 @@ from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.virtual.camera_stream import MOVED_TAG, CameraStream
 from cablecast.rigs.virtual.config import CameraConfig
-from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
 from cablecast.vision import trials
 from cablecast.vision.tracker import EndpointTracker
@@ -30,21 +28,13 @@ from cablecast.vision.video import read_video
 RATE, CLOCK = 30.0, 700.0
 # What the project asks of the camera over the network [m].
 LANDING_RMS = 3e-3
-CABLE = load_cable("cable_1")
 
 
-def sweep(end, duration=0.4, rest=0.2):
+def sweep(end):
     """Return a motion from the reset state: the endpoint goes to `end` and rests there."""
-    times = np.arange(round((duration + rest) / 0.01) + 1) * 0.01
-    u = np.clip(times / duration, 0, 1)
-    s = (u**3 * (10 - 15 * u + 6 * u * u))[:, None]
-    start = np.array([0.0, Setup().workspace.reset_y + CABLE.length])
-    path = start + s * (np.asarray(end) - start)
-    share = np.linspace(0, 1, 12)[:, None]
-    grip = np.array([0.0, Setup().workspace.reset_y])
-    xy = grip + share * (path[:, None] - grip)
-    nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), CABLE.radius)], axis=-1)
-    return FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=None)
+    reset_y = Setup().workspace.reset_y
+    start, grip = (0.0, reset_y + CABLE.length), (0.0, reset_y)
+    return glide(start, end, rest=0.2, grip=grip, bow=0.0)
 
 
 @pytest.fixture(scope="module")
