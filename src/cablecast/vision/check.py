@@ -417,8 +417,7 @@ class CameraCheck:
             drift=np.median(tints[-count:], axis=0) / np.median(tints[:count], axis=0) - 1.0,
             duration=float(times[-1]),
             brightness=Brightness.of(image),
-            refocused=min(self._sharpness, default=1.0)
-            / min(max(self._sharpness, default=1.0), SHARPNESS_MIN),
+            refocused=min(self._sharpness) / min(max(self._sharpness), SHARPNESS_MIN),
             failure=self._failure,
             tags_seen=tuple(sorted(ids)),
             tag_count=len(tags_of(self._setup).tags),

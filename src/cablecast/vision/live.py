@@ -150,9 +150,8 @@ class LiveCamera:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield frames until the source ends."""
-        while (frame := self.read()) is not None:
-            yield frame
+        """Return the frames that come until the source ends."""
+        return iter(self.read, None)
 
     def read(self, timeout: float = _READ_TIMEOUT) -> Frame | None:
         """Return the next frame, or wait for it [s]; None after the last of a film."""

@@ -268,8 +268,6 @@ def _find_patches(
     new = seen.seen if still is None else seen.seen - still
     along = new if seen.seen is seen.along else seen.along
     mask = seen._replace(seen=new, along=along).mask(hue_tolerance)
-    if not mask.any():
-        return []
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     height, width = mask.shape
     patches = []
@@ -281,8 +279,6 @@ def _find_patches(
         inside = (labels[window] == label) & (new[window] > seen.least)
         chroma = np.where(inside, new[window], 0.0).astype(float)
         total = float(chroma.sum())
-        if total <= 0:
-            continue
         moments = cv2.moments(chroma)
         middle = np.array([moments["m10"], moments["m01"]]) / total
         mixed = moments["mu11"]
@@ -910,10 +906,9 @@ def pick_marker(
         )
     _, hue, patch = min(found, key=lambda row: row[0])
     # A bar with round ends, as wide as its variance says without that of lens and pixels.
-    variance = max(patch.extent[1] ** 2 - _PICK_BLUR, 0.1)
-    width_m = float(np.sqrt(13.0 * variance)) / px_per_m
-    variance = max(patch.extent[0] ** 2 - _PICK_BLUR, 0.1)
-    length_m = float(np.sqrt(12.0 * variance)) / px_per_m + 0.2 * width_m
+    along, across = (max(extent**2 - _PICK_BLUR, 0.1) for extent in patch.extent)
+    width_m = float(np.sqrt(13.0 * across)) / px_per_m
+    length_m = float(np.sqrt(12.0 * along)) / px_per_m + 0.2 * width_m
     return MarkerConfig(length=max(length_m, width_m), width=width_m, hue=hue % 360.0)
 
 

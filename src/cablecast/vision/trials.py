@@ -504,7 +504,7 @@ class _Filming:
 
     def _run(self) -> None:
         try:
-            while (frame := self._camera.read()) is not None:
+            for frame in self._camera:
                 if self.latest is None:
                     self._dropped_before = self._camera.dropped_count
                 self.latest = frame
