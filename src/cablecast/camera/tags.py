@@ -346,17 +346,15 @@ def _check_spread(places: Array) -> None:
 
 def _consensus(points: Array, places: Array) -> Array:
     """Return the residuals of the pose on which most points agree [m], shape [point]."""
-    best, best_median = np.full(len(points), np.inf), np.inf
-    for three in itertools.combinations(range(len(points)), 3):
-        index = list(three)
-        R, t = rigid_fit(points[index], places[index])
-        residuals = np.linalg.norm(points @ R.T + t - places, axis=1)
-        if np.median(residuals) < best_median:
-            best, best_median = residuals, float(np.median(residuals))
+
+    def residuals_by(used: Any) -> Array:
+        R, t = rigid_fit(points[used], places[used])
+        return np.linalg.norm(points @ R.T + t - places, axis=1)
+
+    threes = itertools.combinations(range(len(points)), 3)
+    best = min((residuals_by(list(three)) for three in threes), key=np.median)
     # Three points alone are as inexact as a touch; those about the median give a better pose.
-    near = best <= np.maximum(OUTLIER, 2.5 * best_median)
-    R, t = rigid_fit(points[near], places[near])
-    return np.linalg.norm(points @ R.T + t - places, axis=1)
+    return residuals_by(best <= max(OUTLIER, 2.5 * float(np.median(best))))
 
 
 def rigid_fit(points: Array, places: Array) -> tuple[Array, Array]:

@@ -291,7 +291,6 @@ class CameraReport:
             said.append(self.calibration_error)
         if missing and self.calibration is not None:
             said.append(f"{missing} of {self.tag_count} tags are not seen: clear what covers them")
-        calibration = self.calibration
         width_px = self.px_per_m * self.settings.marker[1]
         if (end := self.settings.end_tag) is not None:
             width_px = self.px_per_m * end.size
@@ -305,17 +304,17 @@ class CameraReport:
                 f"the marker is {width_px:.1f} px wide, and from {_MARKER_WIDTH_MIN:g} px on it is "
                 "found in every frame: take larger pictures, a closer camera or a wider marker"
             )
-        if calibration is not None and calibration.rejected_ids:
-            said.append(
-                f"tags {list(calibration.rejected_ids)} lie elsewhere than the layout says: "
-                "measure them again"
-            )
-        coarse = calibration is not None and calibration.rms_px > _RMS_MAX_PX
-        if calibration is not None and coarse and calibration.rms > _RMS_MAX:
-            said.append(
-                f"the tags fit to {1e3 * calibration.rms:.1f} mm only: measure them again, or let "
-                "the robot touch them (`cablecast calibrate table`)"
-            )
+        if (calibration := self.calibration) is not None:
+            if calibration.rejected_ids:
+                said.append(
+                    f"tags {list(calibration.rejected_ids)} lie elsewhere than the layout says: "
+                    "measure them again"
+                )
+            if calibration.rms_px > _RMS_MAX_PX and calibration.rms > _RMS_MAX:
+                said.append(
+                    f"the tags fit to {1e3 * calibration.rms:.1f} mm only: measure them again, or "
+                    "let the robot touch them (`cablecast calibrate table`)"
+                )
         asked = self.settings.marker_hue
         if self.marker_error is not None:
             said.append(self.marker_error)

@@ -400,14 +400,13 @@ def _configure(capture: Any, settings: CameraSettings) -> None:
 def _read_back(capture: Any, kind: str) -> CameraFacts:
     """Return the settings that a camera reports."""
     cv2 = load_cv2()
-    code = int(capture.get(cv2.CAP_PROP_FOURCC))
-    letters = bytes((code >> shift) & 0xFF for shift in (0, 8, 16, 24))
+    code = max(int(capture.get(cv2.CAP_PROP_FOURCC)), 0)
     facts = CameraFacts(
         kind=kind,
         backend=str(capture.getBackendName()),
         width=int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
         height=int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
-        fourcc=letters.decode("ascii", "replace").strip("\0") if code > 0 else "",
+        fourcc=code.to_bytes(4, "little").decode("ascii", "replace").strip("\0"),
     )
     if kind != "device":
         return facts
