@@ -24,7 +24,7 @@ from cablecast.vision.calibration import Board, calibrate_lens
 from cablecast.vision.check import CameraCheck
 from cablecast.vision.live import CameraFacts, Frame
 from cablecast.vision.tags import load_cv2
-from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig
+from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, grab_of
 from cablecast.vision.trials import calibrate_camera
 
 Image = NDArray[np.uint8]
@@ -208,7 +208,7 @@ def look(case: Case) -> tuple[list[str], float, float]:
             # One that is sent twice counts once.
             continue
         last = image
-        tracker.update(film.time(frame), lambda w, image=image: image[w[1] : w[3], w[0] : w[2]])
+        tracker.update(film.time(frame), grab_of(image))
     times, xy = tracker.frames
     errors = 1e3 * np.linalg.norm(xy - trial.shape_at(times)[:, -1, :2], axis=1)
     found = np.isfinite(errors)

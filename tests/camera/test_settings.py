@@ -75,7 +75,7 @@ def test_a_device_may_be_given_by_its_number(tmp_path):
         ("{source: 0, tags: none.yaml}", r"no file .*none\.yaml"),
         ("{source: 0, lens: {width: 640}}", "lens lacks the keys"),
         ("{source: 0, lens: {width: a, height: 1, focal: 1, centre: 1}}", "lens width = 'a'"),
-        ("{source: 0, marker: 3}", "camera marker = 3 must be two numbers"),
+        ("{source: 0, marker: 3}", "camera marker = 3 must be a length and a width"),
         ("{source: 0, marker: [3]}", "must be a length and a width"),
         ("{source: 0, marker: [3, x]}", "camera marker"),
     ],

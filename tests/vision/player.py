@@ -1,13 +1,35 @@
-"""A laboratory that plays motions before the virtual camera, in a thread and with its own clock."""
+"""Motions of a cable, and a laboratory that plays them before a camera with its own clock."""
 
 import threading
 import time
 
 import numpy as np
 
+from cablecast.cable import load_cable
+from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.vision.trials import TrialTiming
+from cablecast.workspace import Workspace
 
+CABLE = load_cable("cable_1")
 DT = 0.01
+
+
+def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0, 0.6), bow=0.3):
+    """Return a cable whose end goes from one place to another and rests; it follows in a bow."""
+    times = np.arange(round((duration + rest) / DT) + 1) * DT
+    u = np.clip(times / duration, 0, 1)
+    s = (u**3 * (10 - 15 * u + 6 * u * u))[:, None]
+    path = np.asarray(start) + s * (np.asarray(end) - np.asarray(start))
+    share = np.linspace(0, 1, 12)[:, None]
+    chord = path[:, None] - np.asarray(grip)
+    across = np.stack([-chord[..., 1], chord[..., 0]], axis=-1)
+    xy = np.asarray(grip) + share * chord + bow * np.sin(np.pi * share) * across
+    height = np.full((*xy.shape[:2], 1), CABLE.radius)
+    if z is not None:
+        # Beyond the table the cable hangs: everything past the edge is below it.
+        height = np.where(np.abs(xy[..., :1]) > Workspace().half_width, z, height)
+    nodes = np.concatenate([xy, height], axis=-1)
+    return FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=joint_path)
 
 
 class Player:

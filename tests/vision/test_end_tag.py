@@ -16,7 +16,7 @@ from cablecast.pipeline.track_video import track_video
 from cablecast.setup import Setup
 from cablecast.vision.end_tag import TagTracker, make_tracker
 from cablecast.vision.tags import load_cv2, tag_picture
-from cablecast.vision.tracker import TrackerConfig
+from cablecast.vision.tracker import TrackerConfig, grab_of
 from cablecast.vision.video import FilmWriter
 
 cv2 = load_cv2()
@@ -99,7 +99,7 @@ def test_the_tag_s_centre_is_followed_at_its_height_and_gaps_stay_gaps(
     assert isinstance(tracker, TagTracker)
     for k in range(14):
         image = frame(table, k / 10, tag, covered=k == 5)
-        tracker.update(k / 10, lambda w, image=image: image[w[1] : w[3], w[0] : w[2]])
+        tracker.update(k / 10, grab_of(image))
     xy = tracker.frames[1]
     assert np.isnan(xy[5]).all()
     truth = np.array([swing(k / 10)[0] for k in range(14)])
@@ -110,10 +110,10 @@ def test_the_tag_s_centre_is_followed_at_its_height_and_gaps_stay_gaps(
 
 def test_another_tag_of_that_number_and_another_size_is_not_followed(table):
     tag = EndTag(id=17, size=0.03)
-    settings = CameraSettings(source="0", end_tag=dataclasses.replace(tag, size=0.06))
-    tracker = TagTracker(VIEW, SETUP.workspace, settings, TrackerConfig(marker_z=HEIGHT))
+    larger = dataclasses.replace(tag, size=0.06)
+    tracker = TagTracker(VIEW, SETUP.workspace, larger, TrackerConfig(marker_z=HEIGHT))
     image = frame(table, 0.0, tag)
-    assert np.isnan(tracker.update(0.0, lambda w: image[w[1] : w[3], w[0] : w[2]])).all()
+    assert np.isnan(tracker.update(0.0, grab_of(image))).all()
 
 
 def test_a_film_is_tracked_by_the_tag_that_the_lab_file_names(table, tmp_path):

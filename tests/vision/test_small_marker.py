@@ -13,7 +13,7 @@ from cablecast.cable import load_cable
 from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
-from cablecast.vision.tracker import EndpointTracker, TrackerConfig
+from cablecast.vision.tracker import EndpointTracker, TrackerConfig, grab_of
 from cablecast.vision.video import encode_jpeg
 
 WIDTH = 880
@@ -46,7 +46,7 @@ def follow(camera, start):
             encode_jpeg(film.grab(frame)((0, 0, lens.width, lens.height))), np.uint8
         )
         image = cv2.imdecode(picture, cv2.IMREAD_COLOR)
-        tracker.update(film.time(frame), lambda w, image=image: image[w[1] : w[3], w[0] : w[2]])
+        tracker.update(film.time(frame), grab_of(image))
     seen_at, found = tracker.frames
     truth = np.stack([np.interp(seen_at, times, end[:, k]) for k in (0, 1)], axis=1)
     return np.linalg.norm(found - truth, axis=1)

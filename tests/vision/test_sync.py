@@ -170,7 +170,7 @@ def test_a_motion_that_the_robot_did_not_make_is_refused(kept, setup, trial):
 def test_a_film_of_another_rate_is_refused_and_the_true_one_named(kept, setup, trial, stored, true):
     clock, view = kept
     other = CastClock(WIDTH)
-    for (time, _), image in zip(clock._kept, [i for _, i in clock._kept], strict=True):
+    for time, image in clock._kept:
         other._kept.append((time * RATE / stored, image))
     words = rf"filmed with about {true} frames/s, and stored as {stored:.0f}\?"
     with pytest.raises(InputError, match=words):

@@ -7,22 +7,23 @@ import pytest
 
 pytest.importorskip("cv2")
 
+from tests.vision.player import CABLE, glide
+
 from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
-from cablecast.cable import load_cable
 from cablecast.camera.lens import CameraView, Lens
 from cablecast.cast import TrialStatus
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera import VirtualCamera, track_film
 from cablecast.rigs.virtual.config import CameraConfig, LightConfig
-from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import (
     EndpointTracker,
     MarkerConfig,
     TrackerConfig,
+    grab_of,
     pick_marker,
     sample_path,
     sight_of,
@@ -37,27 +38,7 @@ ERROR_RMS = 3e-3
 ERROR_MAX = 8e-3
 # So far below the arm's silhouette no part of the marker is in sight, so far beside it all is [m].
 DEEP, CLEAR = -0.02, 0.035
-DT = 0.01
-CABLE = load_cable("cable_1")
 ARM = ArmUR()
-
-
-def glide(start, end, duration=0.4, rest=0.1, z=None, joint_path=None, grip=(0.0, 0.6)):
-    """Return a cable whose end goes from one place to another and rests; it follows in a bow."""
-    times = np.arange(round((duration + rest) / DT) + 1) * DT
-    u = np.clip(times / duration, 0, 1)
-    s = (u**3 * (10 - 15 * u + 6 * u * u))[:, None]
-    path = np.asarray(start) + s * (np.asarray(end) - np.asarray(start))
-    share = np.linspace(0, 1, 12)[:, None]
-    chord = path[:, None] - np.asarray(grip)
-    across = np.stack([-chord[..., 1], chord[..., 0]], axis=-1)
-    xy = np.asarray(grip) + share * chord + 0.3 * np.sin(np.pi * share) * across
-    height = np.full((*xy.shape[:2], 1), CABLE.radius)
-    if z is not None:
-        # Beyond the table the cable hangs: everything past the edge is below it.
-        height = np.where(np.abs(xy[..., :1]) > Workspace().half_width, z, height)
-    nodes = np.concatenate([xy, height], axis=-1)
-    return FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=joint_path)
 
 
 def still_arm(theta, reach):
@@ -239,9 +220,9 @@ def test_a_film_that_goes_dark_gives_nothing_and_the_marker_is_found_when_light_
 def test_times_of_frames_must_rise(calibration, workspace):
     tracker = EndpointTracker(calibration.view, workspace)
     black = np.zeros((1080, 1920, 3), np.uint8)
-    tracker.update(0.0, lambda w: black[w[1] : w[3], w[0] : w[2]])
+    tracker.update(0.0, grab_of(black))
     with pytest.raises(InputError, match="must rise"):
-        tracker.update(0.0, lambda w: black[w[1] : w[3], w[0] : w[2]])
+        tracker.update(0.0, grab_of(black))
 
 
 def test_a_sample_between_frames_lies_between_their_points_and_never_across_a_gap():
@@ -489,6 +470,6 @@ def test_a_marker_may_look_smaller_where_it_lands(view, end):
         share = min(max((frame - 2) / 20, 0.0), 1.0)
         xy = start + share**2 * (3 - 2 * share) * (np.array(end) - start)
         image = painted(view, xy, tracker.config.marker)
-        found = tracker.update(frame / 60, lambda w, i=image: i[w[1] : w[3], w[0] : w[2]])
+        found = tracker.update(frame / 60, grab_of(image))
         assert np.linalg.norm(found - xy) < 1e-3
     assert tracker.track().status is TrialStatus.OK

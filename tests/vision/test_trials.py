@@ -1,5 +1,6 @@
 """The camera of a lab file: trials over the network against the truth, and every fault."""
 
+import contextlib
 import dataclasses
 import itertools
 import pathlib
@@ -10,9 +11,8 @@ import pytest
 
 pytest.importorskip("cv2")
 
-from tests.vision.player import Player
+from tests.vision.player import CABLE, Player, glide
 
-from cablecast.cable import load_cable
 from cablecast.camera.settings import CameraSettings
 from cablecast.cast import TrialStatus
 from cablecast.errors import CameraError, InputError
@@ -20,7 +20,6 @@ from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.virtual.camera_stream import MOVED_TAG, CameraStream
 from cablecast.rigs.virtual.config import CameraConfig
-from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
 from cablecast.vision import trials
 from cablecast.vision.tracker import EndpointTracker
@@ -30,21 +29,23 @@ from cablecast.vision.video import read_video
 RATE, CLOCK = 30.0, 700.0
 # What the project asks of the camera over the network [m].
 LANDING_RMS = 3e-3
-CABLE = load_cable("cable_1")
 
 
-def sweep(end, duration=0.4, rest=0.2):
+def sweep(end):
     """Return a motion from the reset state: the endpoint goes to `end` and rests there."""
-    times = np.arange(round((duration + rest) / 0.01) + 1) * 0.01
-    u = np.clip(times / duration, 0, 1)
-    s = (u**3 * (10 - 15 * u + 6 * u * u))[:, None]
-    start = np.array([0.0, Setup().workspace.reset_y + CABLE.length])
-    path = start + s * (np.asarray(end) - start)
-    share = np.linspace(0, 1, 12)[:, None]
-    grip = np.array([0.0, Setup().workspace.reset_y])
-    xy = grip + share * (path[:, None] - grip)
-    nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), CABLE.radius)], axis=-1)
-    return FilmedTrial(cable=CABLE, times=times, nodes=nodes, joint_path=None)
+    reset_y = Setup().workspace.reset_y
+    start, grip = (0.0, reset_y + CABLE.length), (0.0, reset_y)
+    return glide(start, end, rest=0.2, grip=grip, bow=0.0)
+
+
+@contextlib.contextmanager
+def failing(stream, fault):
+    """Let the camera have a fault for a while."""
+    stream.fault(fault)
+    try:
+        yield
+    finally:
+        stream.fault(None)
 
 
 @pytest.fixture(scope="module")
@@ -172,13 +173,9 @@ def test_a_trial_may_be_dropped_and_the_next_one_filmed(camera, player):
 )
 def test_a_camera_that_fails_before_a_trial_says_what_to_do(camera, player, stream, fault, words):
     camera.check(player.rewind())
-    stream.fault(fault)
-    try:
-        with pytest.raises(CameraError, match=words) as caught:
-            camera.check(player.time)
-        assert "\n" not in str(caught.value)
-    finally:
-        stream.fault(None)
+    with failing(stream, fault), pytest.raises(CameraError, match=words) as caught:
+        camera.check(player.time)
+    assert "\n" not in str(caught.value)
     camera.check(player.time)
 
 
@@ -204,14 +201,11 @@ def test_a_tag_beside_the_table_may_move_and_the_camera_may_not(
 
 def test_a_film_that_cannot_begin_is_forgotten(camera, player, stream):
     camera.check(player.rewind())
-    stream.fault("exposed")
-    try:
+    with failing(stream, "exposed"):
         for begin in (lambda: camera.check(player.time), camera.start):
             with pytest.raises(CameraError, match="times as bright"):
                 begin()
-    finally:
-        stream.fault(None)
-        camera.cancel()
+    camera.cancel()
     camera.check(player.time)
 
 
@@ -219,13 +213,10 @@ def test_a_film_that_cannot_begin_is_forgotten(camera, player, stream):
 def test_a_camera_that_fails_in_a_trial_gives_no_track(camera, player, stream, fault):
     camera.check(player.rewind())
     camera.start()
-    stream.fault(fault)
-    try:
+    with failing(stream, fault):
         timing = player.cast()
         with pytest.raises(CameraError, match=r"frozen|dark"):
             camera.stop(timing)
-    finally:
-        stream.fault(None)
 
 
 def test_an_endpoint_lost_with_frames_that_found_no_room_is_an_error_of_this_computer(
@@ -250,14 +241,11 @@ def test_a_camera_that_is_unplugged_in_a_trial_is_an_error(setup, player, stream
     player.rewind()
     with CameraOfTrials(setup) as camera:
         camera.start()
-        stream.fault("unplugged")
-        try:
+        with failing(stream, "unplugged"):
             with pytest.raises(CameraError, match="still plugged in"):
                 camera.stop(player.cast())
             with pytest.raises(CameraError, match="still plugged in"):
                 camera.check()
-        finally:
-            stream.fault(None)
 
 
 def test_clocks_that_were_never_compared_are_an_error_and_not_a_wait(setup, player):
@@ -284,9 +272,6 @@ def test_a_lab_without_a_camera_is_refused():
 
 
 def test_a_camera_that_sees_no_tags_is_refused(setup, player, stream):
-    stream.fault("black")
-    try:
-        with pytest.raises(InputError, match="0 of the layout's 11 tags"):
-            CameraOfTrials(setup)
-    finally:
-        stream.fault(None)
+    no_tags = "0 of the layout's 11 tags"
+    with failing(stream, "black"), pytest.raises(InputError, match=no_tags):
+        CameraOfTrials(setup)

@@ -115,21 +115,19 @@ class CameraSettings:
             )
         family = self.tag_family if self.tags is None else self.tags.family
         object.__setattr__(self, "tag_family", tag_family(family))
-        end = self.end_tag
-        # Dictionaries of one size begin alike: 4X4_50 and 4X4_100 have the same first tags.
-        kin = [
-            re.sub(r"_\d+$", "", family) for family in (end.family if end else "", self.tag_family)
-        ]
-        known = self.tags is None or (end is not None and self.tags.corners_of(end.id) is not None)
-        if end is not None and kin[0] == kin[1] and known:
-            raise InputError(
-                f"camera end_tag {end.id} of {end.family} may be mixed up with a tag on the table: "
-                "take another number, or another family"
-            )
-        if len(self.marker) != 2:
-            raise InputError(f"camera marker = {self.marker} must be a length and a width")
+        if (end := self.end_tag) is not None:
+            # Dictionaries of one size begin alike: 4X4_50 and 4X4_100 have the same first tags.
+            kin = {re.sub(r"_\d+$", "", name) for name in (end.family, self.tag_family)}
+            if len(kin) == 1 and (self.tags is None or end.id in self.tags.corners):
+                raise InputError(
+                    f"camera end_tag {end.id} of {end.family} may be mixed up with a tag on the "
+                    "table: take another number, or another family"
+                )
+        if not isinstance(self.marker, (list, tuple)) or len(self.marker) != 2:
+            raise InputError(f"camera marker = {self.marker!r} must be a length and a width")
         for value in self.marker:
             check_number("camera marker", value, 0.002, 0.5, "m")
+        object.__setattr__(self, "marker", tuple(self.marker))
         if self.films is not None and not (isinstance(self.films, str) and self.films.strip()):
             raise InputError(
                 f"camera films = {str(self.films)[:60]!r} must be the path of a folder"
@@ -180,10 +178,6 @@ class CameraSettings:
             values["end_tag"] = EndTag(**end)
         if "lens" in values:
             values["lens"] = Lens.from_dict(values["lens"])
-        if "marker" in values:
-            if not isinstance(values["marker"], (list, tuple)):
-                raise InputError(f"camera marker = {values['marker']!r} must be two numbers")
-            values["marker"] = tuple(values["marker"])
         return cls(**values)
 
 

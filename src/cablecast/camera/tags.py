@@ -40,8 +40,6 @@ _EDGE_X, _EDGE_Y = 0.105, 0.10
 """Distance of the outer tags' centres from the table's edges along x and y [m]."""
 _SPACING = 0.65
 """Usual distance between tags along an edge [m]."""
-_SIZE = 0.1
-"""Usual side of a tag's black square [m]."""
 _ROBOT_RADIUS = 0.3
 """Distance from the base within which the robot stands on the tags [m]."""
 
@@ -147,9 +145,10 @@ class TagLayout:
         if doubled := sorted({i for i in ids if ids.count(i) > 1}):
             raise InputError(f"a layout names tag {doubled[0]} twice")
 
-    def corners_of(self, tag_id: int) -> NDArray[np.float64] | None:
-        """Return the corners of a tag [m], shape [4, 3]; None if the layout has no such tag."""
-        return next((tag.corners for tag in self.tags if tag.id == tag_id), None)
+    @property
+    def corners(self) -> dict[int, NDArray[np.float64]]:
+        """Corners of each tag by its number [m], shape [4, 3]."""
+        return {tag.id: tag.corners for tag in self.tags}
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, which `from_dict` reads."""
@@ -230,7 +229,7 @@ def default_layout(workspace: Workspace | None = None, family: str = FAMILY) -> 
     places += [(x, along[-1]) for x in across]
     places = [(x, y) for x, y in places if math.hypot(x, y) >= _ROBOT_RADIUS]
     # Smaller on a small table, so that they do not overlap.
-    size = min(_SIZE, 0.6 * min(across[1] - across[0], along[0] - along[1]))
+    size = min(Tag.size, 0.6 * min(across[1] - across[0], along[0] - along[1]))
     tags = tuple(Tag(id=i, x=x, y=y, size=size) for i, (x, y) in enumerate(places))
     return TagLayout(tags=tags, family=family)
 
@@ -347,17 +346,15 @@ def _check_spread(places: Array) -> None:
 
 def _consensus(points: Array, places: Array) -> Array:
     """Return the residuals of the pose on which most points agree [m], shape [point]."""
-    best, best_median = np.full(len(points), np.inf), np.inf
-    for three in itertools.combinations(range(len(points)), 3):
-        index = list(three)
-        R, t = rigid_fit(points[index], places[index])
-        residuals = np.linalg.norm(points @ R.T + t - places, axis=1)
-        if np.median(residuals) < best_median:
-            best, best_median = residuals, float(np.median(residuals))
+
+    def residuals_by(used: Any) -> Array:
+        R, t = rigid_fit(points[used], places[used])
+        return np.linalg.norm(points @ R.T + t - places, axis=1)
+
+    threes = itertools.combinations(range(len(points)), 3)
+    best = min((residuals_by(list(three)) for three in threes), key=np.median)
     # Three points alone are as inexact as a touch; those about the median give a better pose.
-    near = best <= np.maximum(OUTLIER, 2.5 * best_median)
-    R, t = rigid_fit(points[near], places[near])
-    return np.linalg.norm(points @ R.T + t - places, axis=1)
+    return residuals_by(best <= max(OUTLIER, 2.5 * float(np.median(best))))
 
 
 def rigid_fit(points: Array, places: Array) -> tuple[Array, Array]:

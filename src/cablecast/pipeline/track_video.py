@@ -26,7 +26,7 @@ from cablecast.vision.calibration import Board, Calibration, calibrate_lens, cal
 from cablecast.vision.clock import check_film_rate
 from cablecast.vision.end_tag import make_tracker
 from cablecast.vision.tags import load_cv2
-from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig
+from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, grab_of
 from cablecast.vision.trials import tags_of
 from cablecast.vision.video import (
     RATE_MAX,
@@ -242,10 +242,7 @@ def _track(
     for count, (time, image) in enumerate(frames, start=1):
         if config.end is not None and pace * time - start > config.end:
             break
-        tracker.update(
-            pace * time - start,
-            lambda w, image=image: image[w[1] : w[3], w[0] : w[2]],
-        )
+        tracker.update(pace * time - start, grab_of(image))
         if count % 60 == 0:
             total = max(info.frame_count, count)
             progress(Progress(task=task, done=count, total=total, unit="frames"))

@@ -350,6 +350,7 @@ def calibrate_view(
             f"but the pictures have {width} x {height}"
         )
     guess = Lens.from_view(width, height, diagonal_view) if lens is None else lens
+    places = layout.corners
     rejected: list[int] = []
     turned: bool | None = None
     while True:
@@ -362,7 +363,7 @@ def calibrate_view(
                 f"{TAG_COUNT_MIN} of {layout.family} are needed"
             )
         ids = sorted(seen)
-        points = np.concatenate([layout.corners_of(i) for i in ids])  # pyright: ignore
+        points = np.concatenate([places[i] for i in ids])
         fits = []
         for turn in (False, True) if turned is None else (turned,):
             corners = np.concatenate([np.roll(seen[i], 2 * turn, axis=0) for i in ids])
@@ -415,13 +416,10 @@ def average_tags(
     images: Sequence[NDArray[np.uint8]], layout: TagLayout
 ) -> dict[int, NDArray[np.float64]]:
     """Return median corners of each tag of the layout over the pictures that show it [px]."""
-    quads: dict[int, list[NDArray[np.float64]]] = {}
-    for image in images:
-        for tag_id, quad in detect_tags(image, layout.family).items():
-            if layout.corners_of(tag_id) is not None:
-                quads.setdefault(tag_id, []).append(quad)
+    found = [detect_tags(image, layout.family) for image in images]
+    quads = {tag.id: [seen[tag.id] for seen in found if tag.id in seen] for tag in layout.tags}
     # The median: an arm that passes over a tag's rim spoils a few pictures, not most.
-    return {tag_id: np.median(seen, axis=0) for tag_id, seen in quads.items()}
+    return {tag_id: np.median(seen, axis=0) for tag_id, seen in quads.items() if seen}
 
 
 def _lens_from_opencv(width: int, height: int, K: Any, distortion: Any) -> Lens:

@@ -4,7 +4,7 @@ import dataclasses
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cablecast.camera.lens import CameraView
 from cablecast.camera.settings import CameraSettings
@@ -95,20 +95,17 @@ def find_flicker(
     dt = float(np.median(np.diff(times)))
     from_middle = row_step * (np.arange(rows.shape[1]) - (rows.shape[1] - 1) / 2)
     row_times = np.linspace(0.0, dt / (row_step * rows.shape[1]), _BAND_STEPS)
-    best, found = 0.0, None
+    found = []
     for lamp in _LAMP_RATES:
         for rate in lamp * np.linspace(1 - _LAMP_SPREAD, 1 + _LAMP_SPREAD, _LAMP_STEPS):
             by_time = np.exp(-2j * np.pi * rate * times) @ rest / len(times)
             turns = np.exp(-2j * np.pi * rate * np.outer(row_times, from_middle))
             amplitudes = 2.0 * np.abs(turns @ by_time) / rows.shape[1]
-            place = int(np.argmax(amplitudes))
-            if amplitudes[place] > best:
-                best = float(amplitudes[place])
-                banded = best > _BAND_GAIN * amplitudes[0]
-                found = Flicker(
-                    rate=lamp, amplitude=best, row_time=float(row_times[place]) if banded else None
-                )
-    return found if best > _FLICKER_MIN else None
+            place, best = int(amplitudes.argmax()), float(amplitudes.max())
+            row_time = float(row_times[place]) if best > _BAND_GAIN * amplitudes[0] else None
+            found.append(Flicker(rate=lamp, amplitude=best, row_time=row_time))
+    strongest = max(found, key=lambda flicker: flicker.amplitude)
+    return strongest if strongest.amplitude > _FLICKER_MIN else None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -294,7 +291,6 @@ class CameraReport:
             said.append(self.calibration_error)
         if missing and self.calibration is not None:
             said.append(f"{missing} of {self.tag_count} tags are not seen: clear what covers them")
-        calibration = self.calibration
         width_px = self.px_per_m * self.settings.marker[1]
         if (end := self.settings.end_tag) is not None:
             width_px = self.px_per_m * end.size
@@ -308,17 +304,17 @@ class CameraReport:
                 f"the marker is {width_px:.1f} px wide, and from {_MARKER_WIDTH_MIN:g} px on it is "
                 "found in every frame: take larger pictures, a closer camera or a wider marker"
             )
-        if calibration is not None and calibration.rejected_ids:
-            said.append(
-                f"tags {list(calibration.rejected_ids)} lie elsewhere than the layout says: "
-                "measure them again"
-            )
-        coarse = calibration is not None and calibration.rms_px > _RMS_MAX_PX
-        if calibration is not None and coarse and calibration.rms > _RMS_MAX:
-            said.append(
-                f"the tags fit to {1e3 * calibration.rms:.1f} mm only: measure them again, or let "
-                "the robot touch them (`cablecast calibrate table`)"
-            )
+        if (calibration := self.calibration) is not None:
+            if calibration.rejected_ids:
+                said.append(
+                    f"tags {list(calibration.rejected_ids)} lie elsewhere than the layout says: "
+                    "measure them again"
+                )
+            if calibration.rms_px > _RMS_MAX_PX and calibration.rms > _RMS_MAX:
+                said.append(
+                    f"the tags fit to {1e3 * calibration.rms:.1f} mm only: measure them again, or "
+                    "let the robot touch them (`cablecast calibrate table`)"
+                )
         asked = self.settings.marker_hue
         if self.marker_error is not None:
             said.append(self.marker_error)
@@ -357,8 +353,8 @@ class CameraCheck:
         """Look at the next frame."""
         self._times.append((frame.time, frame.arrival))
         self._images = [*self._images[-_KEPT_COUNT + 1 :], frame.image]
-        step = max(1, frame.image.shape[0] // _ROW_COUNT)
-        self._rows.append(frame.image[::step, ::_COLUMN_STEP].mean(axis=1))
+        self._row_step = max(1, frame.image.shape[0] // _ROW_COUNT)
+        self._rows.append(frame.image[:: self._row_step, ::_COLUMN_STEP].mean(axis=1))
         try:
             self._repeated_count += not self._watch.look(frame)
         except CameraError as error:
@@ -380,7 +376,6 @@ class CameraCheck:
         rate = (len(stamps) + float(gaps.sum())) / float(stamps.sum())
         arrival_rate = len(arrivals) / max(float(arrivals.sum()), 1e-9)
         counted = float(np.ptp(stamps)) < _COUNTED and self._times[0][0] < _OPENING
-        pace = rate / arrival_rate if arrival_rate > 0 else 1.0
         calibration, refused, image = None, None, self._images[-1]
         ids, px_per_m, same = (), float("nan"), np.empty((0, 3))
         marker, unmarked = None, None
@@ -405,7 +400,7 @@ class CameraCheck:
                 unmarked = str(error)
         exposure = self._facts.exposure
         times = np.array(self._times)[:, 0] - self._times[0][0]
-        rows, row_step = np.array(self._rows), max(1, image.shape[0] // _ROW_COUNT)
+        rows = np.array(self._rows)
         tints = rows.mean(axis=1) / rows.mean(axis=(1, 2))[:, None].clip(1.0)
         count = max(len(tints) // 5, 1)
         return CameraReport(
@@ -417,12 +412,11 @@ class CameraCheck:
             missed_count=max(int(gaps.sum()) - dropped_count, 0),
             dropped_count=dropped_count,
             repeated_count=self._repeated_count,
-            flicker=find_flicker(times, rows.mean(axis=-1), row_step),
+            flicker=find_flicker(times, rows.mean(axis=-1), self._row_step),
             drift=np.median(tints[-count:], axis=0) / np.median(tints[:count], axis=0) - 1.0,
             duration=float(times[-1]),
             brightness=Brightness.of(image),
-            refocused=min(self._sharpness, default=1.0)
-            / min(max(self._sharpness, default=1.0), SHARPNESS_MIN),
+            refocused=min(self._sharpness) / min(max(self._sharpness), SHARPNESS_MIN),
             failure=self._failure,
             tags_seen=tuple(sorted(ids)),
             tag_count=len(tags_of(self._setup).tags),
@@ -435,7 +429,9 @@ class CameraCheck:
             marker_error=unmarked,
             same_coloured=same,
             image=image,
-            counted_stamps=counted and self._facts.kind == "stream" and not 0.95 < pace < 1.05,
+            counted_stamps=counted
+            and self._facts.kind == "stream"
+            and not 0.95 < rate / arrival_rate < 1.05,
         )
 
 
@@ -461,21 +457,16 @@ def draw_report(report: CameraReport, workspace: Workspace) -> bytes:
         turn = np.linspace(0.0, 2.0 * np.pi, 24)
         for x, y, radius in report.same_coloured:
             circle = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])
-            _line(image, view, [(a, b) for a, b in circle.tolist()], _REFUSED)
+            _line(image, view, circle, _REFUSED)
     return cv2.imencode(".png", image)[1].tobytes()
 
 
 def _line(
-    image: np.ndarray,
-    view: CameraView,
-    corners: list[tuple[float, float]],
-    colour: tuple[int, int, int],
+    image: np.ndarray, view: CameraView, corners: ArrayLike, colour: tuple[int, int, int]
 ) -> None:
     """Draw a line over the table, bent as the lens bends it."""
     cv2 = load_cv2()
-    for (x0, y0), (x1, y1) in itertools.pairwise(corners):
-        share = np.linspace(0.0, 1.0, 40)
-        points = np.column_stack([x0 + share * (x1 - x0), y0 + share * (y1 - y0), 0 * share])
-        pixels = view.to_image(points)
+    for start, end in itertools.pairwise(np.asarray(corners, dtype=float)):
+        pixels = view.to_image(np.column_stack([np.linspace(start, end, 40), np.zeros(40)]))
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         cv2.polylines(image, [np.round(pixels).astype(np.int32)], False, colour, 2, cv2.LINE_AA)

@@ -17,7 +17,7 @@ from cablecast.camera.lens import CameraView
 from cablecast.conventions import GRAVITY
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath
-from cablecast.vision.tags import load_cv2
+from cablecast.vision.tags import load_cv2, to_grey
 
 Array = NDArray[np.float64]
 
@@ -153,8 +153,7 @@ class CastClock:
         """Keep a frame, BGR, shape [v, u, 3], whose middle row has a time [s]."""
         cv2 = load_cv2()
         size = (_WIDTH, round(_WIDTH / image.shape[1] * image.shape[0]))
-        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+        grey = cv2.resize(to_grey(image), size, interpolation=cv2.INTER_AREA)
         self._kept.append((time, cv2.GaussianBlur(grey, (0, 0), _BLUR)))
 
     def compare(

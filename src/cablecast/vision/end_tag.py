@@ -1,7 +1,6 @@
 """The endpoint's track by a tag that lies flat on the cable's free end."""
 
 import dataclasses
-import itertools
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.cable import Cable
 from cablecast.camera.lens import CameraView
 from cablecast.camera.settings import CameraSettings
-from cablecast.errors import InputError
+from cablecast.camera.tags import EndTag
 from cablecast.vision.tags import detect_tags
 from cablecast.vision.tracker import EndpointTracker, Grab, TrackerConfig
 from cablecast.workspace import Workspace
@@ -27,17 +26,9 @@ class TagTracker(EndpointTracker):
     A frame in which the tag is blurred by more than a cell, or covered, gives no point.
     """
 
-    def __init__(
-        self,
-        view: CameraView,
-        workspace: Workspace,
-        settings: CameraSettings,
-        config: TrackerConfig,
-    ):
-        if settings.end_tag is None:
-            raise InputError("the section `camera` has no end_tag to follow")
+    def __init__(self, view: CameraView, workspace: Workspace, tag: EndTag, config: TrackerConfig):
         super().__init__(view, workspace, config)
-        self._tag = settings.end_tag
+        self._tag = tag
 
     def update(self, time: float, grab: Grab) -> NDArray[np.float64]:
         """Look at the next frame, and return the endpoint in it [m], shape [2]; NaN if not seen."""
@@ -58,7 +49,7 @@ class TagTracker(EndpointTracker):
             return None
         quad = quad + np.asarray(corner)
         places = self.view.to_table(quad, self.config.marker_z)
-        sides = [np.linalg.norm(b - a) for a, b in itertools.pairwise([*places, places[0]])]
+        sides = np.linalg.norm(np.roll(places, -1, axis=0) - places, axis=1)
         share = float(np.mean(sides)) / self._tag.size
         if not _SIZE_SHARE < share < 1.0 / _SIZE_SHARE:
             return None
@@ -78,8 +69,8 @@ def make_tracker(
 ) -> EndpointTracker:
     """Return the tracker of the tag that a lab file names, or else of the marker."""
     tag = None if settings is None else settings.end_tag
-    if settings is None or tag is None:
+    if tag is None:
         return EndpointTracker(view, workspace, config, start_xy)
     height = 2.0 * cable.radius if tag.height is None else tag.height
     config = dataclasses.replace(config, marker_z=height)
-    return TagTracker(view, workspace, settings, config)
+    return TagTracker(view, workspace, tag, config)

@@ -150,9 +150,8 @@ class LiveCamera:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield frames until the source ends."""
-        while (frame := self.read()) is not None:
-            yield frame
+        """Return the frames that come until the source ends."""
+        return iter(self.read, None)
 
     def read(self, timeout: float = _READ_TIMEOUT) -> Frame | None:
         """Return the next frame, or wait for it [s]; None after the last of a film."""
@@ -401,14 +400,13 @@ def _configure(capture: Any, settings: CameraSettings) -> None:
 def _read_back(capture: Any, kind: str) -> CameraFacts:
     """Return the settings that a camera reports."""
     cv2 = load_cv2()
-    code = int(capture.get(cv2.CAP_PROP_FOURCC))
-    letters = bytes((code >> shift) & 0xFF for shift in (0, 8, 16, 24))
+    code = max(int(capture.get(cv2.CAP_PROP_FOURCC)), 0)
     facts = CameraFacts(
         kind=kind,
         backend=str(capture.getBackendName()),
         width=int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
         height=int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
-        fourcc=letters.decode("ascii", "replace").strip("\0") if code > 0 else "",
+        fourcc=code.to_bytes(4, "little").decode("ascii", "replace").strip("\0"),
     )
     if kind != "device":
         return facts

@@ -91,6 +91,11 @@ _BRINK = 0.03
 """Distance from the table's left, right or far edge within which what vanishes fell over it [m]."""
 
 
+def grab_of(image: NDArray[np.uint8]) -> Grab:
+    """Return the function that returns pieces of a frame which is there whole."""
+    return lambda window: image[window[1] : window[3], window[0] : window[2]]
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MarkerConfig:
     """Size and colour of the marker.
@@ -124,7 +129,7 @@ class _Patch:
             blurred [px²].
         hue_off: Mean hue, from the one that is looked for [deg].
         extent: Standard deviation of the chroma along the longer and the shorter axis [px].
-        box: Left, top, right and bottom in the frame [px], the last two excluded.
+        box: Window that holds it.
         touches_edge: Whether it reaches the edge of the piece of image that was searched.
     """
 
@@ -134,7 +139,7 @@ class _Patch:
     area: float
     hue_off: float
     extent: tuple[float, float]
-    box: tuple[int, int, int, int]
+    box: Window
     touches_edge: bool
 
 
@@ -263,8 +268,6 @@ def _find_patches(
     new = seen.seen if still is None else seen.seen - still
     along = new if seen.seen is seen.along else seen.along
     mask = seen._replace(seen=new, along=along).mask(hue_tolerance)
-    if not mask.any():
-        return []
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     height, width = mask.shape
     patches = []
@@ -276,8 +279,6 @@ def _find_patches(
         inside = (labels[window] == label) & (new[window] > seen.least)
         chroma = np.where(inside, new[window], 0.0).astype(float)
         total = float(chroma.sum())
-        if total <= 0:
-            continue
         moments = cv2.moments(chroma)
         middle = np.array([moments["m10"], moments["m01"]]) / total
         mixed = moments["mu11"]
@@ -397,22 +398,15 @@ def sample_path(
     A sample that falls on a frame is that frame's. One between two frames lies on the line between
     them, and is NaN if either is NaN or they are more than two frames apart.
     """
-    sampled = np.full((len(sample_times), 2), np.nan)
-    if len(times) == 0:
-        return sampled
+    if not len(times):
+        return np.full((len(sample_times), 2), np.nan)
     frame_dt = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    near = 0.05 * frame_dt + 1e-9
-    for i, time in enumerate(sample_times):
-        after = int(np.searchsorted(times, time))
-        nearest = min(max(after - 1, 0), len(times) - 1)
-        if after < len(times) and abs(times[after] - time) < abs(times[nearest] - time):
-            nearest = after
-        if abs(times[nearest] - time) <= near:
-            sampled[i] = xy[nearest]
-        elif 0 < after < len(times) and times[after] - times[after - 1] < 1.5 * frame_dt:
-            part = (time - times[after - 1]) / (times[after] - times[after - 1])
-            sampled[i] = (1 - part) * xy[after - 1] + part * xy[after]
-    return sampled
+    gaps = np.diff(times, prepend=-np.inf, append=np.inf)[np.searchsorted(times, sample_times)]
+    between = np.stack([np.interp(sample_times, times, column) for column in xy.T], axis=-1)
+    between[gaps >= 1.5 * frame_dt] = np.nan
+    apart = np.abs(sample_times[:, None] - times)
+    is_on_frame = apart.min(axis=1) <= 0.05 * frame_dt + 1e-9
+    return np.where(is_on_frame[:, None], xy[apart.argmin(axis=1)], between)
 
 
 def track_samples(
@@ -609,16 +603,21 @@ class EndpointTracker:
         self._chroma += 0.2 * (patch.chroma - self._chroma)
         # The area at rest only grows, when what covered the marker has gone: an arm that creeps
         # over it must not make it believed smaller.
-        if patch.area > self._area and self._blur_px() < _BLUR_SMALL:
+        if patch.area > self._area and self._blur_px < _BLUR_SMALL:
             self._area += 0.2 * (patch.area - self._area)
 
-    def _blur_px(self) -> float:
-        """Return the length of the marker's trace if it moves as it last did [px]."""
+    @property
+    def _velocity(self) -> NDArray[np.float64]:
+        """Velocity of the marker in the picture when it was seen last [px/s], shape [2]."""
         if len(self._seen) < 2:
-            return 0.0
+            return np.zeros(2)
         before, last = self._seen[-2:]
-        speed = float(np.linalg.norm(last.pixel - before.pixel)) / (last.time - before.time)
-        return speed * self.config.exposure_max
+        return (last.pixel - before.pixel) / (last.time - before.time)
+
+    @property
+    def _blur_px(self) -> float:
+        """Length of the marker's trace if it moves as it last did [px]."""
+        return float(np.linalg.norm(self._velocity)) * self.config.exposure_max
 
     def track(self, duration: float | None = None, start: float = 0.0) -> EndpointTrack:
         """Return the track so far, one sample every 100 ms since the motion began.
@@ -733,12 +732,8 @@ class EndpointTracker:
         centre, speed, radius = last.pixel, 0.0, 60.0
         # A long time after it was seen, it is where it was or anywhere.
         if lost_count <= 3:
-            velocity = np.zeros(2)
-            if len(self._seen) > 1:
-                before = self._seen[-2]
-                velocity = (last.pixel - before.pixel) / (last.time - before.time)
-            dt, speed = time - last.time, float(np.linalg.norm(velocity))
-            centre = last.pixel + velocity * dt
+            dt, speed = time - last.time, float(np.linalg.norm(self._velocity))
+            centre = last.pixel + self._velocity * dt
             radius = 0.5 * _ACCELERATION_MAX * self._px_per_m * dt * dt + 0.35 * speed * dt
         half = self.config.marker.length * self._px_per_m + 10.0
         half += min(radius, 250.0) + speed * exposure / 2
@@ -748,11 +743,11 @@ class EndpointTracker:
 
     def _around(self, centre: NDArray[np.float64], half: float) -> Window:
         """Return the window of the frame about a place, which is empty beyond its edges [px]."""
-        left, top = np.floor(centre - half).astype(int).tolist()
-        right, bottom = (np.ceil(centre + half).astype(int) + 1).tolist()
-        _, _, width, height = self._frame
-        left, top = min(max(left, 0), width), min(max(top, 0), height)
-        return left, top, max(min(right, width), left), max(min(bottom, height), top)
+        size = self._frame[2:]
+        left, top = np.clip(np.floor(centre - half).astype(int), 0, size).tolist()
+        high = np.ceil(centre + half).astype(int) + 1
+        right, bottom = np.clip(high, (left, top), size).tolist()
+        return left, top, right, bottom
 
     def _anywhere(self, time: float, grab: Grab) -> _Patch | None:
         """Return the marker from anywhere that it could have reached since it was seen."""
@@ -777,17 +772,11 @@ class EndpointTracker:
             still = self._still_chroma[top:bottom, left:right]
         patches = _find_patches(chroma, still, self._hue_tolerance, (left, top))
         least = max(_VIVID_MIN, 1.5 * chroma.least)
-        green, u_max, v_max = self.still_green, self._frame[2] - 1, self._frame[3] - 1
-
-        def lies_on_green(patch: _Patch) -> bool:
-            u, v = np.round(patch.pixel).astype(int)
-            return green is not None and bool(green[min(max(v, 0), v_max), min(max(u, 0), u_max)])
-
-        return [
-            self._as_amid_table(patch)
-            for patch in patches
-            if patch.vivid > least and not lies_on_green(patch)
-        ]
+        green, last = self.still_green, np.array(self._frame[2:]) - 1
+        if green is not None:
+            at = [np.clip(np.round(patch.pixel).astype(int), 0, last) for patch in patches]
+            patches = [patch for patch, (u, v) in zip(patches, at, strict=True) if not green[v, u]]
+        return [self._as_amid_table(patch) for patch in patches if patch.vivid > least]
 
     def _as_amid_table(self, patch: _Patch) -> _Patch:
         """Return a patch as large as it would look at the table's centre.
@@ -837,7 +826,7 @@ class EndpointTracker:
                 continue
             # The share says little of a marker that is slowly covered: it changes with the light.
             moved = float(np.linalg.norm(patch.pixel - self._seen[-1].pixel))
-            slow = self._blur_px() < _BLUR_SMALL and moved < 2.0 * _BLUR_SMALL
+            slow = self._blur_px < _BLUR_SMALL and moved < 2.0 * _BLUR_SMALL
             least = self._area_min - (_AREA_ROUGH if rough else 0.0)
             if slow and patch.area < least * self._area:
                 continue
@@ -917,10 +906,9 @@ def pick_marker(
         )
     _, hue, patch = min(found, key=lambda row: row[0])
     # A bar with round ends, as wide as its variance says without that of lens and pixels.
-    variance = max(patch.extent[1] ** 2 - _PICK_BLUR, 0.1)
-    width_m = float(np.sqrt(13.0 * variance)) / px_per_m
-    variance = max(patch.extent[0] ** 2 - _PICK_BLUR, 0.1)
-    length_m = float(np.sqrt(12.0 * variance)) / px_per_m + 0.2 * width_m
+    along, across = (max(extent**2 - _PICK_BLUR, 0.1) for extent in patch.extent)
+    width_m = float(np.sqrt(13.0 * across)) / px_per_m
+    length_m = float(np.sqrt(12.0 * along)) / px_per_m + 0.2 * width_m
     return MarkerConfig(length=max(length_m, width_m), width=width_m, hue=hue % 360.0)
 
 

@@ -22,7 +22,13 @@ from cablecast.vision.end_tag import make_tracker
 from cablecast.vision.grip import is_held, turned_into_sight
 from cablecast.vision.live import Brightness, Frame, FrameWatch, LiveCamera
 from cablecast.vision.tags import detect_tags
-from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, sight_of
+from cablecast.vision.tracker import (
+    EndpointTracker,
+    MarkerConfig,
+    TrackerConfig,
+    grab_of,
+    sight_of,
+)
 from cablecast.vision.video import FilmWriter
 
 _CALIBRATION_FRAMES = 8
@@ -223,7 +229,7 @@ class CameraOfTrials:
                 self._before = (frame.image, None)
             # One that the driver repeats shows the marker where it was.
             if watch.look(frame):
-                _track(tracker, frame)
+                tracker.update(frame.time, grab_of(frame.image))
                 clock.keep(frame.image, frame.time)
             if writer is not None:
                 writer.write(frame.image, frame.time)
@@ -251,16 +257,14 @@ class CameraOfTrials:
                 f"the clocks of robot and camera are {abs(apart):.0f} s apart: one was started "
                 "anew, or they were never compared. Run `cablecast camera sync`"
             )
-        late, note = 0.0, None
+        # A sample at the very end lies between two frames, with a shutter that rolls.
+        last, late, note = end + 1.5 / self.settings.rate, 0.0, None
 
         def is_last(frame: Frame) -> bool:
-            # A sample at the very end lies between two frames, with a shutter that rolls.
             nonlocal late, note
-            if frame.time <= end + late + 1.5 / self.settings.rate:
-                return False
-            if note is None:
+            if note is None and frame.time > last:
                 late, note = self._check_clock(timing, shift)
-            return frame.time > end + late + 1.5 / self.settings.rate
+            return note is not None and frame.time > last + late
 
         filming.finish(is_last)
         if filming.latest is not None:
@@ -341,7 +345,7 @@ class CameraOfTrials:
             if place is None:
                 continue
             tracker = self._new_tracker(place, start_radius=_LOCATE_RADIUS)
-            xy = [_track(tracker, frame) for frame in frames][-1]
+            xy = [tracker.update(frame.time, grab_of(frame.image)) for frame in frames][-1]
             if np.isfinite(xy).all():
                 return xy
         return None
@@ -500,7 +504,7 @@ class _Filming:
 
     def _run(self) -> None:
         try:
-            while (frame := self._camera.read()) is not None:
+            for frame in self._camera:
                 if self.latest is None:
                     self._dropped_before = self._camera.dropped_count
                 self.latest = frame
@@ -539,9 +543,3 @@ def tags_of(setup: Setup) -> TagLayout:
     if setup.camera is None:
         return default_layout(setup.workspace)
     return setup.camera.tags or default_layout(setup.workspace, setup.camera.tag_family)
-
-
-def _track(tracker: EndpointTracker, frame: Frame) -> NDArray[np.float64]:
-    """Show a frame to a tracker, and return the endpoint in it."""
-    image = frame.image
-    return tracker.update(frame.time, lambda w: image[w[1] : w[3], w[0] : w[2]])

@@ -5,7 +5,6 @@ import os
 import pathlib
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -72,10 +71,7 @@ def _frames(capture: Any, path: pathlib.Path, info: VideoInfo) -> Iterator[tuple
     cv2 = load_cv2()
     count, start, last = 0, 0.0, -1.0
     try:
-        while True:
-            ok, image = capture.read()
-            if not ok:
-                break
+        while (image := capture.read()[1]) is not None:
             stamp = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
             if count == 0:
                 start = stamp
@@ -235,12 +231,7 @@ class FilmWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         self.close(whole=kind is None)
 
     def write(self, image: Image, time: float) -> None:
