@@ -21,7 +21,7 @@ from cablecast.data.schema import (
     CONTROLLER_COLUMNS,
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
-    arrow_schema,
+    columns_table,
     read_shard,
     shard_bytes,
     track_extent,
@@ -83,8 +83,7 @@ def casts_dataset(casts: Sequence[Cast], setup: Setup) -> Dataset:
     """Return casts of one set-up as a dataset in memory."""
     rows = [_stored_row(cast, index) for index, cast in enumerate(casts)]
     names = sorted({name for row in rows for name in row})
-    columns = {name: [row.get(name) for row in rows] for name in names}
-    table = _table(columns)
+    table = columns_table({name: [row.get(name) for row in rows] for name in names})
     info = {
         "kind": "aim",
         "settings": {**setup.to_settings(), "count": len(casts)},
@@ -103,13 +102,6 @@ def _stored_row(cast: Cast, index: int) -> dict[str, Any]:
         "origin": cast.origin,
         "proposal": "" if cast.proposal is None else json.dumps(cast.proposal.to_note()),
     }
-
-
-def _table(columns: dict[str, list[Any]]) -> Any:
-    import pyarrow as pa
-
-    schema = arrow_schema(tuple(columns))
-    return pa.table({name: columns.get(name, []) for name in schema.names}, schema=schema)
 
 
 class CastStore:
@@ -169,7 +161,7 @@ class CastStore:
                     raise InputError(
                         f"another process has added casts to {self._run.path}: open the store again"
                     )
-                table = _table({k: [v] for k, v in _stored_row(cast, number).items()})
+                table = columns_table({k: [v] for k, v in _stored_row(cast, number).items()})
                 write_bytes(self._file(number), shard_bytes(table, self._settings_fingerprint))
         self.casts.append(cast)
 

@@ -23,8 +23,8 @@ from cablecast.data.schema import (
     OPTIONAL_COLUMNS,
     SCHEMA_VERSION,
     Column,
-    arrow_schema,
     check_info,
+    columns_table,
     read_shard,
     shard_bytes,
     shard_path,
@@ -172,14 +172,10 @@ class DatasetWriter:
 
     def write_shard(self, shard: int, columns: Mapping[str, Any]) -> None:
         """Write one shard, whole or not at all, from values by column name, each of shape [row]."""
-        import pyarrow as pa
-
         rows = self.rows_of(shard)
         if len(columns["index"]) != len(rows):
             raise DatasetError(f"shard {shard} needs {len(rows)} rows, not {len(columns['index'])}")
-        schema = arrow_schema(tuple(columns))
-        table = pa.table({name: columns[name] for name in schema.names}, schema=schema)
-        content = shard_bytes(table, self._settings_fingerprint)
+        content = shard_bytes(columns_table(columns), self._settings_fingerprint)
         write_bytes(self.path / shard_path(shard), content)
 
     def finish(self) -> None:
