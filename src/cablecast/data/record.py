@@ -258,14 +258,9 @@ class _Recording:
 
 def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:
     """Yield runs of consecutive indices, each of at most some size."""
-    run: list[int] = []
-    for index in indices:
-        if run and (index != run[-1] + 1 or len(run) == size):
-            yield run
-            run = []
-        run.append(index)
-    if run:
-        yield run
+    for run in np.split(indices, np.flatnonzero(np.diff(indices) != 1) + 1):
+        for start in range(0, len(run), size):
+            yield run[start : start + size].tolist()
 
 
 @contextlib.contextmanager
