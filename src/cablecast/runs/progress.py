@@ -47,11 +47,6 @@ def ignore(progress: Progress) -> None:
     del progress
 
 
-def show(progress: Progress) -> None:
-    """Show a report on one line of a terminal or a notebook, and nowhere else; verbs do so."""
-    _line.show(progress)
-
-
 class Pace:
     """Times of tasks, and the time that they still take at the rate of their reports."""
 
@@ -109,30 +104,26 @@ class Pace:
         return f"{progress.task}: {count}{note} ({', '.join(parts)})"
 
 
-class _Line:
-    """Line of the standard error stream that is written over until its task is done."""
-
-    _EVERY = 0.1  # Time between two reports that are shown [s].
-
-    def __init__(self):
-        self._pace = Pace()
-
-    def show(self, progress: Progress) -> None:
-        """Show a report, unless one of the same task was shown a moment ago."""
-        stream = sys.stderr
-        if stream is None or not (stream.isatty() or type(stream).__module__ == _NOTEBOOK):
-            return
-        if not self._pace.is_due(progress, self._EVERY):
-            return
-        ends = progress.done == progress.total
-        width = shutil.get_terminal_size().columns - 1
-        # The next line, whoever writes it, begins where this one does.
-        stream.write(f"{self._pace.line(progress)[:width]:{width}}" + ("\n" if ends else "\r"))
-        stream.flush()
-
-
 _NOTEBOOK = "ipykernel.iostream"
-_line = _Line()
+_EVERY = 0.1  # Time between two reports that are shown [s].
+_pace = Pace()
+
+
+def show(progress: Progress) -> None:
+    """Show a report on one line of a terminal or a notebook, and nowhere else; verbs do so.
+
+    The line is written over until its task is done, unless it was written a moment ago.
+    """
+    stream = sys.stderr
+    if stream is None or not (stream.isatty() or type(stream).__module__ == _NOTEBOOK):
+        return
+    if not _pace.is_due(progress, _EVERY):
+        return
+    ends = progress.done == progress.total
+    width = shutil.get_terminal_size().columns - 1
+    # The next line, whoever writes it, begins where this one does.
+    stream.write(f"{_pace.line(progress)[:width]:{width}}" + ("\n" if ends else "\r"))
+    stream.flush()
 
 
 def duration_text(seconds: float) -> str:
