@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.data.dataset import Dataset, read_dataset
-from cablecast.data.schema import SCHEMA_VERSION
 from cablecast.data.simulate import actions_digest
 from cablecast.data.store import cast_row
 from cablecast.data.writer import DatasetWriter
@@ -126,7 +125,6 @@ def record_trials(
         pathlib.Path(path),
         kind=plan.kind,
         settings={
-            "schema_version": SCHEMA_VERSION,
             **plan.setup.to_settings(),
             "rig": rig.description,
             **settings,

@@ -7,6 +7,7 @@ into place. A missing shard of a finished dataset is made again.
 """
 
 import contextlib
+import dataclasses
 import json
 import pathlib
 import string
@@ -83,37 +84,31 @@ def dataset_card(info: Mapping[str, Any], stats: Mapping[str, Any]) -> str:
     )
 
 
+@dataclasses.dataclass(kw_only=True, eq=False)
 class DatasetWriter:
     """Writer of one dataset; a context manager that locks the folder against a second writer.
 
     Attributes:
         path: Folder.
         kind: Kind of the casts: "sim", "real", "tune", "repeat" or "evaluate".
+        settings: All plain values that decide the rows.
         row_count: Rows of the finished dataset.
         shard_rows: Rows of each shard but the last.
         was_complete: True if the dataset was finished before and no shard is missing.
+
+    Raises:
+        InputError: A setting is not plain or not finite.
     """
 
-    def __init__(
-        self,
-        path: pathlib.Path,
-        *,
-        kind: str,
-        settings: Mapping[str, Any],
-        row_count: int,
-        shard_rows: int,
-    ):
-        """Prepare to write or resume; the settings are all plain values that decide the rows.
+    path: pathlib.Path = dataclasses.field(kw_only=False)
+    kind: str
+    settings: Mapping[str, Any]
+    row_count: int
+    shard_rows: int
+    was_complete: bool = dataclasses.field(default=False, init=False)
 
-        Raises:
-            InputError: A setting is not plain or not finite.
-        """
-        self.path = pathlib.Path(path)
-        self.kind = kind
-        self.settings = plain_settings(settings)
-        self.row_count = row_count
-        self.shard_rows = shard_rows
-        self.was_complete = False
+    def __post_init__(self):
+        self.settings = plain_settings({"schema_version": SCHEMA_VERSION, **self.settings})
         self._claim = Claim(path=self.path, file=str(INFO_PATH), noun="dataset", error=DatasetError)
         self._hold = contextlib.ExitStack()
 
