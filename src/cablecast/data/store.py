@@ -4,6 +4,7 @@ A dataset has a number of rows that is known before its first cast. A store grow
 soon as it is done. Its files are shards of one row in the schema of datasets.
 """
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -142,7 +143,8 @@ class CastStore:
             raise DamagedFileError(
                 f"{self._file(len(self))} is missing, but {later[0]} is there. {_REMEDY}"
             )
-        self.undone = self._read_undone()
+        with contextlib.suppress(FileNotFoundError):
+            self.undone = frozenset(read_sealed(self._run.path / UNDONE_FILE)["undone"])
 
     def __len__(self) -> int:
         return len(self.casts)
@@ -236,11 +238,3 @@ class CastStore:
             raise DamagedFileError(f"{reason}. {_REMEDY}") from None
         except (KeyError, TypeError, ValueError, CablecastError):
             raise DamagedFileError(f"{file} holds no cast. {_REMEDY}") from None
-
-    def _read_undone(self) -> frozenset[int]:
-        """Return the numbers of the casts that were taken back."""
-        try:
-            values = read_sealed(self._file(0).parents[1] / UNDONE_FILE)
-        except FileNotFoundError:
-            return frozenset()
-        return frozenset(int(number) for number in values["undone"])
