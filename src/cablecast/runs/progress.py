@@ -10,9 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from cablecast.errors import DamagedFileError
-from cablecast.files import read_sealed, seal, write_json
-from cablecast.runs.folder import METRICS_FILE
+from cablecast.runs.folder import METRICS_FILE, Parts
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -139,7 +137,7 @@ def duration_text(seconds: float) -> str:
     return f"{seconds / 3600:.1f} h"
 
 
-STAGES_FILE = "stages.json"
+_STAGES = "stages"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -170,13 +168,8 @@ class StageLog:
     """Time that each stage has taken so far over all runs, kept on the disk when it ends."""
 
     def __init__(self, folder: pathlib.Path):
-        self._file = folder / STAGES_FILE
-        self.seconds: dict[str, float] = {}
-        with contextlib.suppress(FileNotFoundError):
-            try:
-                self.seconds = read_sealed(self._file)
-            except DamagedFileError as error:
-                raise DamagedFileError(f"{error}. Delete it; only times are lost") from None
+        self._parts = Parts(folder, remedy="Delete it; only times are lost")
+        self.seconds: dict[str, float] = self._parts.get(_STAGES) or {}
 
     @contextlib.contextmanager
     def timed(self, name: str) -> Iterator[None]:
@@ -186,7 +179,7 @@ class StageLog:
             yield
         finally:
             self.seconds[name] = round(before + time.monotonic() - start, 1)
-            write_json(self._file, seal(self.seconds))
+            self._parts.put(_STAGES, self.seconds)
 
 
 def run_stages(
