@@ -80,19 +80,6 @@ def dataset_cast(casts: Dataset, row: int) -> Cast:
     )
 
 
-def casts_dataset(casts: Sequence[Cast], setup: Setup) -> Dataset:
-    """Return casts of one set-up as a dataset in memory."""
-    rows = [_stored_row(cast, index) for index, cast in enumerate(casts)]
-    names = sorted({name for row in rows for name in row})
-    table = columns_table({name: [row.get(name) for row in rows] for name in names})
-    info = {
-        "kind": "aim",
-        "settings": {**setup.to_settings(), "count": len(casts)},
-        "fingerprint": fingerprint([table.num_rows], shard_bytes(table, "")),
-    }
-    return table_dataset(table, info)
-
-
 def _stored_row(cast: Cast, index: int) -> dict[str, Any]:
     nodes = cast.track.nodes
     return {
@@ -201,7 +188,15 @@ class CastStore:
         """Return casts by number, or all that were not taken back, as a dataset in memory."""
         if rows is None:
             rows = [number for number in range(len(self)) if number not in self.undone]
-        return casts_dataset([self.casts[row] for row in rows], self.setup)
+        stored = [_stored_row(self.casts[row], index) for index, row in enumerate(rows)]
+        names = {name for row in stored for name in row}
+        table = columns_table({name: [row.get(name) for row in stored] for name in names})
+        info = {
+            "kind": "aim",
+            "settings": {**self.setup.to_settings(), "count": len(stored)},
+            "fingerprint": fingerprint([len(stored)], shard_bytes(table, "")),
+        }
+        return table_dataset(table, info)
 
     @property
     def _settings_fingerprint(self) -> str:
