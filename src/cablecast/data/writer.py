@@ -6,6 +6,7 @@ The layout of the folder is that of LeRobot v3: `data/chunk-000/file-000.parquet
 into place. A missing shard of a finished dataset is made again.
 """
 
+import collections
 import contextlib
 import dataclasses
 import json
@@ -185,10 +186,7 @@ class DatasetWriter:
             digests.append(digest)
         table = pa.concat_tables(tables, promote_options="default")
         stats = _statistics(table)
-        counts = {
-            entry["values"]: entry["counts"]
-            for entry in table["status"].combine_chunks().value_counts().to_pylist()
-        }
+        counts = collections.Counter(table["status"].to_pylist())
         info = self._info(complete=True) | {
             "status_counts": dict(sorted(counts.items())),
             "fingerprint": fingerprint([self._settings_fingerprint, *digests]),
@@ -260,10 +258,9 @@ def _statistics(table) -> dict[str, dict[str, Any]]:
         values = values[np.isfinite(values)]
         if len(values):
             stats[column.name] = {
-                "min": [float(values.min())],
-                "max": [float(values.max())],
-                "mean": [float(values.mean())],
-                "std": [float(values.std())],
+                **{
+                    name: [float(getattr(values, name)())] for name in ("min", "max", "mean", "std")
+                },
                 "count": [len(values)],
             }
     return stats
