@@ -111,7 +111,6 @@ class DatasetWriter:
     def __post_init__(self):
         self.settings = plain_settings({"schema_version": SCHEMA_VERSION, **self.settings})
         self._claim = Claim(path=self.path, file=str(INFO_PATH), noun="dataset", error=DatasetError)
-        self._hold = contextlib.ExitStack()
 
     @property
     def shard_count(self) -> int:
@@ -130,19 +129,16 @@ class DatasetWriter:
             DatasetError: The folder holds something else, or another process writes to it.
         """
         stored = self._check_stored()
-        self._hold.enter_context(hold_folder(self.path, DatasetError, "work"))
-        try:
+        with contextlib.ExitStack() as hold:
+            hold.enter_context(hold_folder(self.path, DatasetError, "work"))
             if stored is None:
                 self._claim.write(self._info(complete=False))
-            else:
-                is_whole = stored["complete"] and not self.missing_shards(stored["shard_digests"])
-                self.was_complete = is_whole
-                if stored["complete"] and not is_whole:
+            elif stored["complete"]:
+                self.was_complete = not self.missing_shards(stored["shard_digests"])
+                if not self.was_complete:
                     # Readers must not take a dataset under repair for a whole one.
                     self._claim.write(self._info(complete=False))
-        except BaseException:
-            self._hold.close()
-            raise
+            self._hold = hold.pop_all()
         return self
 
     def __exit__(self, *_) -> None:
