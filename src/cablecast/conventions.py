@@ -122,9 +122,9 @@ class Ellipse:
             angle=math.atan2(axes[1, 1], axes[0, 1]),
         )
 
-    def outline(self, point_count: int = 73) -> Array:
+    def outline(self) -> Array:
         """Return points on the ellipse, the last equal to the first [m], shape [point, 2]."""
-        turn = np.linspace(0.0, 2.0 * np.pi, point_count)
+        turn = np.linspace(0.0, 2.0 * np.pi, 73)
         along, across = self.semi_axes[0] * np.cos(turn), self.semi_axes[1] * np.sin(turn)
         c, s = math.cos(self.angle), math.sin(self.angle)
         return self.center_xy + np.stack([along * c - across * s, along * s + across * c], axis=-1)

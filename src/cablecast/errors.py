@@ -5,6 +5,7 @@ built-in, so that `except ValueError` works too. A message is one line that name
 value and the bound. The command line prints it without a traceback and exits with status 2.
 """
 
+import dataclasses
 import functools
 import inspect
 import math
@@ -129,9 +130,7 @@ def check_ranges(owner: Any, ranges: Ranges, what: str = "") -> None:
     Raises:
         InputError: An attribute is no number, not finite, or outside its bounds.
     """
-    kinds: dict[str, Any] = {}
-    for base in type(owner).__mro__:
-        kinds = vars(base).get("__annotations__", {}) | kinds
+    kinds = {field.name: field.type for field in dataclasses.fields(owner)}
     for name, (low, high, unit) in ranges.items():
         value = getattr(owner, name)
         number = check_number(f"{what} {name}".strip(), value, low, high, unit)

@@ -62,7 +62,6 @@ def read_text(path: str | pathlib.Path, size_max: int = SIZE_MAX) -> str:
     Raises:
         InputError: The file is too large, or not UTF-8.
     """
-    path = pathlib.Path(path)
     content = read_bytes(path, size_max)
     try:
         return content.decode("utf-8-sig")
@@ -147,7 +146,6 @@ def read_csv(
         InputError: There is no such file, it is too large, or a column or a cell is missing or too
             many.
     """
-    path = pathlib.Path(path)
     try:
         reader = csv.DictReader(read_text(path, size_max).splitlines())
         rows = list(reader)
@@ -201,7 +199,6 @@ def read_json(path: str | pathlib.Path) -> dict[str, Any]:
         UnreadableFileError: The system refuses to read it.
         DamagedFileError: It is not JSON, or no mapping.
     """
-    path = pathlib.Path(path)
     try:
         values = json.loads(read_text(path, JSON_SIZE_MAX))
     except (ValueError, RecursionError) as error:

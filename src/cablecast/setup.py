@@ -243,29 +243,28 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
             nowhere.
     """
     known = Workspace.from_dict(given)
-    found: dict[str, float] = {}
-    if "grip_height" not in given:
-        found["grip_height"] = max(known.grip_height, cable.radius + _GRIP_CLEARANCE)
-    if "r_max" not in given:
-        pose = np.array([0.0, known.reset_y, {**found, **given}["grip_height"], 0.0, 0.0])
+    values = dict(given)
+    if "grip_height" not in values:
+        values["grip_height"] = max(known.grip_height, cable.radius + _GRIP_CLEARANCE)
+    if "r_max" not in values:
+        pose = np.array([0.0, known.reset_y, values["grip_height"], 0.0, 0.0])
         try:
             reach = float(arm.inverse_motion(pose, 0.0 * pose, 0.0 * pose).radius_max)
         except IKError as error:
             raise InputError(f"{error}, or state workspace r_max") from None
-        found["r_max"] = min(math.floor(100 * (reach + arm.grip_offset)) / 100, 2.0)
-        if found["r_max"] < R_MAX_BOUNDS[0]:
+        values["r_max"] = min(math.floor(100 * (reach + arm.grip_offset)) / 100, 2.0)
+        if values["r_max"] < R_MAX_BOUNDS[0]:
             raise InputError(
                 f"the arm {arm.model} holds its gripper straight down nowhere at grip_height = "
                 f"{pose[2]:g} m: check base_height = {arm.base_height:g} m and gripper_length = "
                 f"{arm.gripper_length:g} m"
             )
-    if "reset_y" not in given:
-        r_max = {"r_max": known.r_max, **found, **given}["r_max"]
+    if "reset_y" not in values:
         far = known.y_max - cable.length - _LYING_MARGIN
-        near = max(known.y_min, _RESET_NEAREST * r_max)
-        ahead = min(max(_RESET_SHARE * r_max, known.y_min), max(far, near))
-        found["reset_y"] = math.floor(100 * ahead + 1e-6) / 100
-    return Workspace.from_dict({**found, **given})
+        near = max(known.y_min, _RESET_NEAREST * values["r_max"])
+        ahead = min(max(_RESET_SHARE * values["r_max"], known.y_min), max(far, near))
+        values["reset_y"] = math.floor(100 * ahead + 1e-6) / 100
+    return Workspace.from_dict(values)
 
 
 @says_what_it_takes
@@ -283,7 +282,7 @@ def load_setup(path: str | os.PathLike[str], cable: Cable | None = None) -> Setu
     path = pathlib.Path(path)
     try:
         values = read_yaml(path)
-        if cable is not None and isinstance(values, Mapping):
+        if cable is not None:
             values = {**values, "cable": cable.to_dict()}
         return Setup.from_dict(values, path.parent)
     except FileNotFoundError:

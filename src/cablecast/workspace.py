@@ -1,8 +1,7 @@
 """Workspace: table, reach of the arm, reset pose, and the 32 evaluation targets."""
 
-import csv
 import dataclasses
-import importlib.resources
+import pathlib
 import warnings
 from collections.abc import Mapping
 from typing import Any, cast
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.conventions import polar_to_xy, xy_to_polar
 from cablecast.errors import InputError, TargetError, check_keys, check_ranges
+from cablecast.files import read_numbers
 
 Array = NDArray[np.float64]
 
@@ -189,9 +189,8 @@ def load_targets() -> Array:
 
     Source: figure of arXiv 2405.09581; x is exact to about 2 mm, y to about 1 cm.
     """
-    file = importlib.resources.files("cablecast").joinpath("data/targets_32.csv")
-    rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
-    return np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
+    file = pathlib.Path(__file__).with_name("data") / "targets_32.csv"
+    return np.array(read_numbers(file, ("x_m", "y_m"), 1))
 
 
 def _targets_from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from tools.small_results import SMALL, digests
 from cablecast.cable import load_cable
 from cablecast.cli import main
 from cablecast.errors import CablecastError
-from cablecast.runs.progress import STAGES_FILE, StageLog
+from cablecast.runs.progress import StageLog
 from cablecast.setup import Setup
 
 
@@ -195,18 +195,18 @@ def test_damaged_times_of_stages_are_refused(tmp_path):
     log = StageLog(tmp_path)
     with log.timed("cable_1/tune"), log.timed("cable_1/select"):
         pass
-    good, rng = (tmp_path / STAGES_FILE).read_bytes(), random.Random(0)
+    good, rng = (tmp_path / "stages.json").read_bytes(), random.Random(0)
     refused = 0
     for number in range(60):
         label, content = (damaged_json if number % 2 else damaged_bytes)(good, rng)
-        (tmp_path / STAGES_FILE).write_bytes(content)
+        (tmp_path / "stages.json").write_bytes(content)
         try:
             assert StageLog(tmp_path).seconds == log.seconds, label
         except CablecastError as error:
             line, refused = str(error), refused + 1
         else:
             continue
-        assert STAGES_FILE in line
+        assert "stages.json" in line
         assert "\n" not in line
     assert refused > 50
 

@@ -5,7 +5,7 @@ import pytest
 
 from cablecast.errors import InputError
 from cablecast.files import seal
-from cablecast.runs.progress import STAGES_FILE, Stage, StageLog, remaining_time, run_stages
+from cablecast.runs.progress import Stage, StageLog, remaining_time, run_stages
 
 
 @pytest.fixture
@@ -68,10 +68,10 @@ def test_a_stage_that_failed_is_taken_up_and_keeps_the_time_that_was_spent(make_
     make, ran = make_stages
     with pytest.raises(RuntimeError):
         run_stages(make("abc", failing="b"), tmp_path)
-    stored = json.loads((tmp_path / STAGES_FILE).read_text())
+    stored = json.loads((tmp_path / "stages.json").read_text())
     assert set(stored) == {"a", "b", "sha256"}
     stored = seal({"a": stored["a"], "b": 100.0})
-    (tmp_path / STAGES_FILE).write_text(json.dumps(stored))
+    (tmp_path / "stages.json").write_text(json.dumps(stored))
     log = run_stages(make("abc"), tmp_path)
     assert ran == ["a", "b", "b", "c"]
     assert log.seconds["b"] >= 100.0
@@ -90,7 +90,7 @@ def test_the_expected_end_follows_the_pace_of_the_machine(make_stages, tmp_path)
 
 @pytest.mark.parametrize("content", ["{", "[]", "7", '{"a": 10.0}', '{"a": "x"}', "[" * 10**5])
 def test_a_damaged_file_of_times_is_named(tmp_path, content):
-    (tmp_path / STAGES_FILE).write_text(content)
+    (tmp_path / "stages.json").write_text(content)
     with pytest.raises(
         InputError, match=r"stages\.json is damaged.*Delete it; only times are lost"
     ):

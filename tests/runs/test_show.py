@@ -6,7 +6,7 @@ import pytest
 
 import cablecast as cc
 from cablecast.runs import progress as progress_module
-from cablecast.runs.progress import Progress, show
+from cablecast.runs.progress import Pace, Progress, show
 
 
 class Terminal(io.StringIO):
@@ -23,7 +23,7 @@ Notebook.__module__ = "ipykernel.iostream"
 
 @pytest.fixture(autouse=True)
 def fresh(monkeypatch):
-    monkeypatch.setattr(progress_module, "_line", progress_module._Line())
+    monkeypatch.setattr(progress_module, "_pace", Pace())
     monkeypatch.setenv("COLUMNS", "60")
 
 

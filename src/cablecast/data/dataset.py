@@ -207,7 +207,7 @@ class Dataset:
                 speed_scaling=speed_scaling,
                 safety_bits=safety_bits,
             )
-        except (ValueError, InputError) as error:
+        except ValueError as error:
             raise DatasetError(f"trial {row} of {self._name}: {error}") from None
 
     def measured_poses(self, row: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -215,16 +215,7 @@ class Dataset:
 
         A pose is x, y, z [m], yaw and pitch [rad]; shapes [sample] and [sample, 5].
         """
-        times, poses = (self._values(name, row) for name in ("grip_times", "grip_pose"))
-        if times is None or poses is None or not len(times):
-            return None
-        if len(poses) != len(CHANNELS) * len(times):
-            raise self._damage(
-                row,
-                f"has {len(poses)} grip coordinates for {len(times)} times: they must be five for "
-                "each",
-            )
-        return times, poses.reshape(-1, len(CHANNELS))
+        return self._by_time("grip_times", "grip_pose", len(CHANNELS), row)
 
     def rig(self, row: int) -> dict[str, Any]:
         """Return the rig's description at one trial."""
@@ -237,19 +228,27 @@ class Dataset:
             return None
         return np.asarray(column[row], dtype=float)
 
-    def _joint_path(self, times_name: str, q_name: str, row: int) -> JointPath | None:
-        times, q = self._values(times_name, row), self._values(q_name, row)
-        if times is None or q is None or not len(times):
+    def _by_time(
+        self, times_name: str, name: str, size: int, row: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return times, and values that are stored one group after the other; None without any."""
+        times, values = self._values(times_name, row), self._values(name, row)
+        if times is None or values is None or not len(times):
             return None
-        if not (np.all(np.diff(times) > 0) and np.all(np.isfinite(q))):
-            raise self._damage(row, "has joints that are not finite or times that do not rise")
-        joint_count = self.setup.arm.joint_count
-        if len(q) != joint_count * len(times):
+        if len(values) != size * len(times):
             raise self._damage(
                 row,
-                f"has {len(q)} joint angles for {len(times)} times, not {joint_count} for each",
+                f"has {len(values)} values of {name} for {len(times)} times, not {size} for each",
             )
-        q = q.reshape(-1, joint_count)
+        return times, values.reshape(-1, size)
+
+    def _joint_path(self, times_name: str, q_name: str, row: int) -> JointPath | None:
+        found = self._by_time(times_name, q_name, self.setup.arm.joint_count, row)
+        if found is None:
+            return None
+        times, q = found
+        if not (np.all(np.diff(times) > 0) and np.all(np.isfinite(q))):
+            raise self._damage(row, "has joints that are not finite or times that do not rise")
         # Rates are not stored; any reader can take differences of the angles.
         qd = np.asarray(np.gradient(q, times, axis=0)) if len(times) > 1 else np.zeros_like(q)
         return JointPath(times=times, q=q, qd=qd)

@@ -18,6 +18,7 @@ from cablecast.arm.base import Arm
 from cablecast.cast import TrialStatus
 from cablecast.data.dataset import Dataset
 from cablecast.errors import DatasetError
+from cablecast.files import write_json, write_text
 from cablecast.motion.action import ACTION_NAMES
 from cablecast.motion.trajectory import joints_at
 
@@ -220,11 +221,9 @@ def write_tables(
     stats: dict[str, Any] = {name: statistics(values) for name, values in joined.items()}
     if video is not None:
         stats[VIDEO_KEY] = video.statistics()
-    for name, values in (("info", info), ("stats", stats)):
-        (folder / f"meta/{name}.json").write_text(
-            json.dumps(values, indent=2) + "\n", encoding="utf-8"
-        )
-    (folder / "README.md").write_text(lerobot_card(dataset, info), encoding="utf-8")
+    write_json(folder / "meta/info.json", info)
+    write_json(folder / "meta/stats.json", stats)
+    write_text(folder / "README.md", lerobot_card(dataset, info))
 
 
 def statistics(values: NDArray) -> dict[str, list[float]]:

@@ -6,6 +6,7 @@ own before the next one starts, and disk space for it is reserved beforehand.
 
 import contextlib
 import dataclasses
+import functools
 import json
 import os
 import pathlib
@@ -18,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.data.dataset import Dataset, read_dataset
-from cablecast.data.schema import SCHEMA_VERSION
 from cablecast.data.simulate import actions_digest
 from cablecast.data.store import cast_row
 from cablecast.data.writer import DatasetWriter
@@ -119,11 +119,12 @@ def record_trials(
     """
     # The answers of any rig are checked before they are stored.
     rig = rig if isinstance(rig, CheckedRig) else CheckedRig(rig, plan.setup)
+    # Repeats of a motion are consecutive.
+    plan = dataclasses.replace(plan, motion=functools.lru_cache(maxsize=1)(plan.motion))
     writer = DatasetWriter(
         pathlib.Path(path),
         kind=plan.kind,
         settings={
-            "schema_version": SCHEMA_VERSION,
             **plan.setup.to_settings(),
             "rig": rig.description,
             **settings,
@@ -142,32 +143,25 @@ def record_trials(
     return read_dataset(path)
 
 
+@dataclasses.dataclass(frozen=True)
 class _Recording:
     """Trials that are still missing."""
 
-    def __init__(
-        self,
-        rig: CheckedRig,
-        writer: DatasetWriter,
-        plan: TrialPlan,
-        progress: ProgressCallback,
-    ):
-        self.rig = rig
-        self.writer = writer
-        self.plan = plan
-        self.progress = progress
-        self._planned: tuple[int, Trajectory] | None = None
-        # A rig that makes many trials at once returns no track before the last is done. A batch is
-        # small, because a kill loses it.
-        self.batch_size = _CASTS_PER_CORE * core_count() if hasattr(rig, "execute_many") else 1
+    rig: CheckedRig
+    writer: DatasetWriter
+    plan: TrialPlan
+    progress: ProgressCallback
 
     def run(self) -> None:
         """Make and store every trial that is missing."""
         missing = self.writer.missing_shards()
         done = self.writer.row_count - len(missing)
         self._report(done)
-        with _reserved_space(self.writer.path, self.batch_size * _ROW_BYTES_MAX) as release:
-            for batch in _consecutive(missing, self.batch_size):
+        # A rig that makes many trials at once returns no track before the last is done. A batch is
+        # small, because a kill loses it.
+        size = _CASTS_PER_CORE * core_count() if hasattr(self.rig, "execute_many") else 1
+        with _reserved_space(self.writer.path, size * _ROW_BYTES_MAX) as release:
+            for batch in _consecutive(missing, size):
                 full: OSError | None = None
                 for index, columns in self._make(batch):
                     try:
@@ -191,7 +185,7 @@ class _Recording:
 
     def _make(self, batch: Sequence[int]) -> Iterator[tuple[int, dict[str, Any]]]:
         """Make the trials of consecutive indices, and yield the row of each."""
-        motions = [self._motion(index) for index in batch]
+        motions = [self.plan.motion(index // self.plan.repeats) for index in batch]
         tracks: Sequence[EndpointTrack | None] = [None] * len(batch)
         if len(batch) > 1:
             seek_trial(self.rig, batch[0], self._purpose)
@@ -234,13 +228,6 @@ class _Recording:
         # An evaluation uses the rig's own random numbers.
         return "" if self.plan.kind == "evaluate" else self.plan.kind
 
-    def _motion(self, index: int) -> Trajectory:
-        number = index // self.plan.repeats
-        # Repeats of a motion are consecutive.
-        if self._planned is None or self._planned[0] != number:
-            self._planned = number, self.plan.motion(number)
-        return self._planned[1]
-
     def _row(
         self, index: int, motion: Trajectory, track: EndpointTrack, failures: int
     ) -> dict[str, Any]:
@@ -258,14 +245,9 @@ class _Recording:
 
 def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:
     """Yield runs of consecutive indices, each of at most some size."""
-    run: list[int] = []
-    for index in indices:
-        if run and (index != run[-1] + 1 or len(run) == size):
-            yield run
-            run = []
-        run.append(index)
-    if run:
-        yield run
+    for run in np.split(indices, np.flatnonzero(np.diff(indices) != 1) + 1):
+        for start in range(0, len(run), size):
+            yield run[start : start + size].tolist()
 
 
 @contextlib.contextmanager

@@ -128,6 +128,8 @@ def _sound(
     where: str, columns: dict[str, Array], rows: NDArray[np.int64], report: Callable[[str], None]
 ) -> dict[str, Array]:
     """Return the sound rows of a cast, and report the others by their numbers from 1."""
+    from scipy.ndimage import median_filter
+
     columns, rows = _interleaved(columns, rows)
     times = columns[TIME_COLUMN]
     why = [""] * len(times)
@@ -139,7 +141,9 @@ def _sound(
             absurd |= np.isnan(values)
         if _JOINT.fullmatch(name):
             known = np.flatnonzero(np.isfinite(values) & ~absurd)
-            absurd[known[1:-1]] |= _leap(values[known]) > _SPIKE
+            # The median of three is the nearest place between the neighbours.
+            leaps = np.abs(values[known] - median_filter(values[known], 3))
+            absurd[known] |= leaps > _SPIKE
         for row in np.flatnonzero(absurd):
             why[row] = why[row] or f"{name} = {values[row]:g}"
     left = np.array([not words for words in why])
@@ -183,13 +187,6 @@ def _interleaved(
         return columns, rows
     order = np.argsort(times, kind="stable")
     return {name: values[order] for name, values in columns.items()}, rows[order]
-
-
-def _leap(values: Array) -> Array:
-    """Return how far each value but the first and last is from between its neighbours."""
-    before, here, after = values[:-2], values[1:-1], values[2:]
-    low, high = np.minimum(before, after), np.maximum(before, after)
-    return np.maximum(np.maximum(low - here, here - high), 0.0)
 
 
 def _ascending(times: Array) -> NDArray[np.bool_]:

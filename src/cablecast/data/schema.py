@@ -8,6 +8,7 @@ rows lie in shards, Parquet files that are checked when they are read.
 import hashlib
 import io
 import pathlib
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -92,8 +93,8 @@ CONTROLLER_COLUMNS = ("controller_times", "target_q", "speed_scaling", "safety_b
 """Lists of what an arm's controller reported, in the order of `ControllerLog`."""
 
 
-def arrow_schema(column_names: tuple[str, ...] = ()):
-    """Return the Arrow schema of a shard of a dataset with some optional columns."""
+def columns_table(columns: Mapping[str, Any]) -> Any:
+    """Return the pyarrow table of a shard, from values by column name, each of shape [row]."""
     import pyarrow as pa
 
     kinds = {
@@ -102,13 +103,14 @@ def arrow_schema(column_names: tuple[str, ...] = ()):
         "string": pa.string(),
         "list": pa.list_(pa.float64()),
     }
-    optional = [column for column in OPTIONAL_COLUMNS if column.name in column_names]
-    return pa.schema(
+    optional = [column for column in OPTIONAL_COLUMNS if column.name in columns]
+    schema = pa.schema(
         [
             pa.field(column.name, kinds[column.kind], metadata={"unit": column.unit})
             for column in (*COLUMNS, *optional)
         ]
     )
+    return pa.table({name: columns.get(name, []) for name in schema.names}, schema=schema)
 
 
 def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -84,7 +84,6 @@ def simulate_dataset(
     ranges = feasible_ranges(setup) if ranges is None else ranges
     _check_mirrored(dynamics)
     settings = {
-        "schema_version": SCHEMA_VERSION,
         **setup.to_settings(),
         **dynamics.to_dict(),
         "engine": engine_settings(engine),
@@ -140,7 +139,8 @@ def _known_digest(path: pathlib.Path, settings: dict[str, Any]) -> str | None:
     except (OSError, CablecastError, KeyError, TypeError):
         return None
     digest = stored.pop("actions_sha256", None)
-    return digest if stored == plain_settings(settings) else None
+    known = plain_settings({"schema_version": SCHEMA_VERSION, **settings})
+    return digest if stored == known else None
 
 
 def _check_mirrored(dynamics: Dynamics) -> None:

@@ -4,6 +4,7 @@ A dataset has a number of rows that is known before its first cast. A store grow
 soon as it is done. Its files are shards of one row in the schema of datasets.
 """
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -21,7 +22,7 @@ from cablecast.data.schema import (
     CONTROLLER_COLUMNS,
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
-    arrow_schema,
+    columns_table,
     read_shard,
     shard_bytes,
     track_extent,
@@ -79,20 +80,6 @@ def dataset_cast(casts: Dataset, row: int) -> Cast:
     )
 
 
-def casts_dataset(casts: Sequence[Cast], setup: Setup) -> Dataset:
-    """Return casts of one set-up as a dataset in memory."""
-    rows = [_stored_row(cast, index) for index, cast in enumerate(casts)]
-    names = sorted({name for row in rows for name in row})
-    columns = {name: [row.get(name) for row in rows] for name in names}
-    table = _table(columns)
-    info = {
-        "kind": "aim",
-        "settings": {**setup.to_settings(), "count": len(casts)},
-        "fingerprint": fingerprint([table.num_rows], shard_bytes(table, "")),
-    }
-    return table_dataset(table, info)
-
-
 def _stored_row(cast: Cast, index: int) -> dict[str, Any]:
     nodes = cast.track.nodes
     return {
@@ -103,13 +90,6 @@ def _stored_row(cast: Cast, index: int) -> dict[str, Any]:
         "origin": cast.origin,
         "proposal": "" if cast.proposal is None else json.dumps(cast.proposal.to_note()),
     }
-
-
-def _table(columns: dict[str, list[Any]]) -> Any:
-    import pyarrow as pa
-
-    schema = arrow_schema(tuple(columns))
-    return pa.table({name: columns.get(name, []) for name in schema.names}, schema=schema)
 
 
 class CastStore:
@@ -150,7 +130,8 @@ class CastStore:
             raise DamagedFileError(
                 f"{self._file(len(self))} is missing, but {later[0]} is there. {_REMEDY}"
             )
-        self.undone = self._read_undone()
+        with contextlib.suppress(FileNotFoundError):
+            self.undone = frozenset(read_sealed(self._run.path / UNDONE_FILE)["undone"])
 
     def __len__(self) -> int:
         return len(self.casts)
@@ -169,7 +150,7 @@ class CastStore:
                     raise InputError(
                         f"another process has added casts to {self._run.path}: open the store again"
                     )
-                table = _table({k: [v] for k, v in _stored_row(cast, number).items()})
+                table = columns_table({k: [v] for k, v in _stored_row(cast, number).items()})
                 write_bytes(self._file(number), shard_bytes(table, self._settings_fingerprint))
         self.casts.append(cast)
 
@@ -207,7 +188,15 @@ class CastStore:
         """Return casts by number, or all that were not taken back, as a dataset in memory."""
         if rows is None:
             rows = [number for number in range(len(self)) if number not in self.undone]
-        return casts_dataset([self.casts[row] for row in rows], self.setup)
+        stored = [_stored_row(self.casts[row], index) for index, row in enumerate(rows)]
+        names = {name for row in stored for name in row}
+        table = columns_table({name: [row.get(name) for row in stored] for name in names})
+        info = {
+            "kind": "aim",
+            "settings": {**self.setup.to_settings(), "count": len(stored)},
+            "fingerprint": fingerprint([len(stored)], shard_bytes(table, "")),
+        }
+        return table_dataset(table, info)
 
     @property
     def _settings_fingerprint(self) -> str:
@@ -244,11 +233,3 @@ class CastStore:
             raise DamagedFileError(f"{reason}. {_REMEDY}") from None
         except (KeyError, TypeError, ValueError, CablecastError):
             raise DamagedFileError(f"{file} holds no cast. {_REMEDY}") from None
-
-    def _read_undone(self) -> frozenset[int]:
-        """Return the numbers of the casts that were taken back."""
-        try:
-            values = read_sealed(self._file(0).parents[1] / UNDONE_FILE)
-        except FileNotFoundError:
-            return frozenset()
-        return frozenset(int(number) for number in values["undone"])

@@ -6,7 +6,9 @@ The layout of the folder is that of LeRobot v3: `data/chunk-000/file-000.parquet
 into place. A missing shard of a finished dataset is made again.
 """
 
+import collections
 import contextlib
+import dataclasses
 import json
 import pathlib
 import string
@@ -23,8 +25,8 @@ from cablecast.data.schema import (
     OPTIONAL_COLUMNS,
     SCHEMA_VERSION,
     Column,
-    arrow_schema,
     check_info,
+    columns_table,
     read_shard,
     shard_bytes,
     shard_path,
@@ -83,39 +85,32 @@ def dataset_card(info: Mapping[str, Any], stats: Mapping[str, Any]) -> str:
     )
 
 
+@dataclasses.dataclass(kw_only=True, eq=False)
 class DatasetWriter:
     """Writer of one dataset; a context manager that locks the folder against a second writer.
 
     Attributes:
         path: Folder.
         kind: Kind of the casts: "sim", "real", "tune", "repeat" or "evaluate".
+        settings: All plain values that decide the rows.
         row_count: Rows of the finished dataset.
         shard_rows: Rows of each shard but the last.
         was_complete: True if the dataset was finished before and no shard is missing.
+
+    Raises:
+        InputError: A setting is not plain or not finite.
     """
 
-    def __init__(
-        self,
-        path: pathlib.Path,
-        *,
-        kind: str,
-        settings: Mapping[str, Any],
-        row_count: int,
-        shard_rows: int,
-    ):
-        """Prepare to write or resume; the settings are all plain values that decide the rows.
+    path: pathlib.Path = dataclasses.field(kw_only=False)
+    kind: str
+    settings: Mapping[str, Any]
+    row_count: int
+    shard_rows: int
+    was_complete: bool = dataclasses.field(default=False, init=False)
 
-        Raises:
-            InputError: A setting is not plain or not finite.
-        """
-        self.path = pathlib.Path(path)
-        self.kind = kind
-        self.settings = plain_settings(settings)
-        self.row_count = row_count
-        self.shard_rows = shard_rows
-        self.was_complete = False
+    def __post_init__(self):
+        self.settings = plain_settings({"schema_version": SCHEMA_VERSION, **self.settings})
         self._claim = Claim(path=self.path, file=str(INFO_PATH), noun="dataset", error=DatasetError)
-        self._hold = contextlib.ExitStack()
 
     @property
     def shard_count(self) -> int:
@@ -134,19 +129,16 @@ class DatasetWriter:
             DatasetError: The folder holds something else, or another process writes to it.
         """
         stored = self._check_stored()
-        self._hold.enter_context(hold_folder(self.path, DatasetError, "work"))
-        try:
+        with contextlib.ExitStack() as hold:
+            hold.enter_context(hold_folder(self.path, DatasetError, "work"))
             if stored is None:
                 self._claim.write(self._info(complete=False))
-            else:
-                is_whole = stored["complete"] and not self.missing_shards(stored["shard_digests"])
-                self.was_complete = is_whole
-                if stored["complete"] and not is_whole:
+            elif stored["complete"]:
+                self.was_complete = not self.missing_shards(stored["shard_digests"])
+                if not self.was_complete:
                     # Readers must not take a dataset under repair for a whole one.
                     self._claim.write(self._info(complete=False))
-        except BaseException:
-            self._hold.close()
-            raise
+            self._hold = hold.pop_all()
         return self
 
     def __exit__(self, *_) -> None:
@@ -172,14 +164,10 @@ class DatasetWriter:
 
     def write_shard(self, shard: int, columns: Mapping[str, Any]) -> None:
         """Write one shard, whole or not at all, from values by column name, each of shape [row]."""
-        import pyarrow as pa
-
         rows = self.rows_of(shard)
         if len(columns["index"]) != len(rows):
             raise DatasetError(f"shard {shard} needs {len(rows)} rows, not {len(columns['index'])}")
-        schema = arrow_schema(tuple(columns))
-        table = pa.table({name: columns[name] for name in schema.names}, schema=schema)
-        content = shard_bytes(table, self._settings_fingerprint)
+        content = shard_bytes(columns_table(columns), self._settings_fingerprint)
         write_bytes(self.path / shard_path(shard), content)
 
     def finish(self) -> None:
@@ -194,10 +182,7 @@ class DatasetWriter:
             digests.append(digest)
         table = pa.concat_tables(tables, promote_options="default")
         stats = _statistics(table)
-        counts = {
-            entry["values"]: entry["counts"]
-            for entry in table["status"].combine_chunks().value_counts().to_pylist()
-        }
+        counts = collections.Counter(table["status"].to_pylist())
         info = self._info(complete=True) | {
             "status_counts": dict(sorted(counts.items())),
             "fingerprint": fingerprint([self._settings_fingerprint, *digests]),
@@ -269,10 +254,9 @@ def _statistics(table) -> dict[str, dict[str, Any]]:
         values = values[np.isfinite(values)]
         if len(values):
             stats[column.name] = {
-                "min": [float(values.min())],
-                "max": [float(values.max())],
-                "mean": [float(values.mean())],
-                "std": [float(values.std())],
+                **{
+                    name: [float(getattr(values, name)())] for name in ("min", "max", "mean", "std")
+                },
                 "count": [len(values)],
             }
     return stats

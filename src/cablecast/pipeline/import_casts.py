@@ -9,7 +9,6 @@ from typing import Any
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.mocap import MocapNames
 from cablecast.data.recordings import Recording, file_digest, read_recordings
-from cablecast.data.schema import SCHEMA_VERSION
 from cablecast.data.store import cast_row
 from cablecast.data.writer import DatasetWriter
 from cablecast.pipeline.places import folder_or_temporary
@@ -44,7 +43,6 @@ def import_casts(
             folder,
             kind="tune",
             settings={
-                "schema_version": SCHEMA_VERSION,
                 **setup.to_settings(),
                 "rig": rig,
                 "count": len(recordings),

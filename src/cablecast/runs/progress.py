@@ -10,9 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from cablecast.errors import DamagedFileError
-from cablecast.files import read_sealed, seal, write_json
-from cablecast.runs.folder import METRICS_FILE
+from cablecast.runs.folder import METRICS_FILE, Parts
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -45,11 +43,6 @@ DONE_NOTE = "already done, nothing changed"
 def ignore(progress: Progress) -> None:
     """Ignore a report: `progress=cc.ignore` lets a verb say nothing."""
     del progress
-
-
-def show(progress: Progress) -> None:
-    """Show a report on one line of a terminal or a notebook, and nowhere else; verbs do so."""
-    _line.show(progress)
 
 
 class Pace:
@@ -109,30 +102,26 @@ class Pace:
         return f"{progress.task}: {count}{note} ({', '.join(parts)})"
 
 
-class _Line:
-    """Line of the standard error stream that is written over until its task is done."""
-
-    _EVERY = 0.1  # Time between two reports that are shown [s].
-
-    def __init__(self):
-        self._pace = Pace()
-
-    def show(self, progress: Progress) -> None:
-        """Show a report, unless one of the same task was shown a moment ago."""
-        stream = sys.stderr
-        if stream is None or not (stream.isatty() or type(stream).__module__ == _NOTEBOOK):
-            return
-        if not self._pace.is_due(progress, self._EVERY):
-            return
-        ends = progress.done == progress.total
-        width = shutil.get_terminal_size().columns - 1
-        # The next line, whoever writes it, begins where this one does.
-        stream.write(f"{self._pace.line(progress)[:width]:{width}}" + ("\n" if ends else "\r"))
-        stream.flush()
-
-
 _NOTEBOOK = "ipykernel.iostream"
-_line = _Line()
+_EVERY = 0.1  # Time between two reports that are shown [s].
+_pace = Pace()
+
+
+def show(progress: Progress) -> None:
+    """Show a report on one line of a terminal or a notebook, and nowhere else; verbs do so.
+
+    The line is written over until its task is done, unless it was written a moment ago.
+    """
+    stream = sys.stderr
+    if stream is None or not (stream.isatty() or type(stream).__module__ == _NOTEBOOK):
+        return
+    if not _pace.is_due(progress, _EVERY):
+        return
+    ends = progress.done == progress.total
+    width = shutil.get_terminal_size().columns - 1
+    # The next line, whoever writes it, begins where this one does.
+    stream.write(f"{_pace.line(progress)[:width]:{width}}" + ("\n" if ends else "\r"))
+    stream.flush()
 
 
 def duration_text(seconds: float) -> str:
@@ -148,7 +137,7 @@ def duration_text(seconds: float) -> str:
     return f"{seconds / 3600:.1f} h"
 
 
-STAGES_FILE = "stages.json"
+_STAGES = "stages"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -179,13 +168,8 @@ class StageLog:
     """Time that each stage has taken so far over all runs, kept on the disk when it ends."""
 
     def __init__(self, folder: pathlib.Path):
-        self._file = folder / STAGES_FILE
-        self.seconds: dict[str, float] = {}
-        with contextlib.suppress(FileNotFoundError):
-            try:
-                self.seconds = read_sealed(self._file)
-            except DamagedFileError as error:
-                raise DamagedFileError(f"{error}. Delete it; only times are lost") from None
+        self._parts = Parts(folder, remedy="Delete it; only times are lost")
+        self.seconds: dict[str, float] = self._parts.get(_STAGES) or {}
 
     @contextlib.contextmanager
     def timed(self, name: str) -> Iterator[None]:
@@ -195,7 +179,7 @@ class StageLog:
             yield
         finally:
             self.seconds[name] = round(before + time.monotonic() - start, 1)
-            write_json(self._file, seal(self.seconds))
+            self._parts.put(_STAGES, self.seconds)
 
 
 def run_stages(
