@@ -1,4 +1,5 @@
 import datetime
+import pickle
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ import pytest
 from cablecast.errors import (
     COUNT_MAX,
     InputError,
+    MissingExtraError,
     check_count,
     check_keys,
     check_name,
@@ -74,3 +76,9 @@ def test_keys_that_are_unknown_or_missing_are_named():
         check_keys({"a": 1}, {"a", "b"}, "arm", required={"b"})
     with pytest.raises(InputError, match="arm must be a mapping"):
         check_keys([1], {"a"}, "arm")
+
+
+def test_a_missing_library_is_named_by_a_worker_process_as_by_its_own():
+    error = MissingExtraError("torch", "learn", "training")
+    said = "training needs torch, which is not installed: pip install 'cablecast[learn]'"
+    assert str(error) == str(pickle.loads(pickle.dumps(error))) == said

@@ -83,9 +83,12 @@ class MissingExtraError(CablecastError, ImportError):
     """An optional library that is needed but not installed."""
 
     def __init__(self, library: str, extra: str, purpose: str):
-        super().__init__(
-            f"{purpose} needs {library}, which is not installed: pip install 'cablecast[{extra}]'"
-        )
+        # As they came: an error of a worker process is made anew from its arguments.
+        super().__init__(library, extra, purpose)
+
+    def __str__(self) -> str:
+        library, extra, purpose = self.args
+        return f"{purpose} needs {library}, which is not installed: pip install 'cablecast[{extra}]'"
 
 
 COUNT_MAX = 10_000_000
