@@ -88,7 +88,9 @@ class MissingExtraError(CablecastError, ImportError):
 
     def __str__(self) -> str:
         library, extra, purpose = self.args
-        return f"{purpose} needs {library}, which is not installed: pip install 'cablecast[{extra}]'"
+        return (
+            f"{purpose} needs {library}, which is not installed: pip install 'cablecast[{extra}]'"
+        )
 
 
 COUNT_MAX = 10_000_000
