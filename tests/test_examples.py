@@ -77,7 +77,7 @@ def run_example(name, out):
         if hasattr(module, "main"):
             budget = dict(BUDGETS.get(name, {}))
             if name == FILMS:
-                make_films(["hand", str(out / "films"), "--count", "2", "--rate", "20"])
+                make_films(["hand", str(out / "films"), "--count", "2", "--rate", "12"])
                 search = TuneConfig(population_size=6, generations=2)
                 budget = {"films": out / "films", "config": search}
             takes_out = "out" in inspect.signature(module.main).parameters
