@@ -292,10 +292,12 @@ class Proposal:
     @property
     def outlook(self) -> str:
         """What is to be expected of the cast, in words."""
-        miss = 100.0 * np.linalg.norm(self.expected_xy - self.target_xy)
+        miss = 100.0 * float(np.linalg.norm(self.expected_xy - self.target_xy))
         wide, narrow = 200.0 * self.ellipse().semi_axes
         outside = "no simulated cast of this cable lands near this target, and "
-        return outside * (not self.inside_coverage) + (
+        # The one that was found by search does, where the target is expected to be hit.
+        beside = miss > self.within_pct * self.setup.cable.length
+        return outside * (beside and not self.inside_coverage) + (
             f"the next cast would hit it with a chance of {100 * self.hit_chance:.0f} %: it is "
             f"expected {miss:.1f} cm beside it, somewhere in {wide:.0f} by {narrow:.0f} cm"
         )

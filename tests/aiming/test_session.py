@@ -14,6 +14,7 @@ from cablecast.conventions import xy_to_polar
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.motion.feasibility import check_actions
 from cablecast.report.words import change_text, reason_text
+from casts import made_up_cast
 
 TARGETS = np.array([[0.3, 1.1], [-0.25, 1.2], [0.5, 1.05], [-0.5, 1.15], [0.1, 1.25]])
 
@@ -173,6 +174,14 @@ def test_a_cast_without_a_landing_leads_to_another_action(policy):
     assert np.isnan([cast.miss_pct for cast in casts]).all()
     assert not np.allclose(casts[0].action, casts[1].action)
     assert "avoided" in change_text(casts[0], session)
+
+
+@pytest.mark.parametrize(("gap", "said"), [(0.01, False), (0.2, True)])
+def test_a_target_that_a_search_reaches_is_not_said_to_be_out_of_reach(gap, said):
+    cast = made_up_cast((0.3, 1.0), target=(0.3, 1.0), expected=(0.3 + gap, 1.0))
+    proposal = dataclasses.replace(cast.proposal, inside_coverage=False)
+    assert ("no simulated cast of this cable lands near" in proposal.reason) == said
+    assert f"{100 * gap:.1f} cm beside it" in proposal.reason
 
 
 def test_a_proposal_that_is_not_the_next_cast_is_refused(policy):
