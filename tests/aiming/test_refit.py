@@ -106,9 +106,9 @@ def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig,
 def test_a_fit_that_follows_its_casts_badly_asks_for_as_many_again(rig, tmp_path, monkeypatch):
     monkeypatch.setattr("cablecast.aiming.session.USUAL_DISTANCES", (0.0, 1e-6))
     assert prepare(rig, refit=False).fitted_count == 3
-    notes = []
-    session = prepare(rig, out=tmp_path, progress=lambda state: notes.append(state.note))
-    assert any("It follows them to" in note for note in notes)
+    tasks = []
+    session = prepare(rig, out=tmp_path, progress=lambda state: tasks.append(state.task))
+    assert any("follows them to" in task for task in tasks)
     assert len(session.casts) == session.fitted_count == 6
     actions = np.array([cast.action for cast in session.casts])
     assert len(np.unique(actions, axis=0)) == 6

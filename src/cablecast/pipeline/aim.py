@@ -213,7 +213,7 @@ def prepare_aim(
         # Not once the session has cast at a target: a new fit is due then where it is worth it.
         new = config.refit and all(cast.proposal is None for cast in store.casts)
         if new and (badly := follows_badly(tuned)):
-            progress(Progress(task="The fit is not close", note=f"It {badly}: as many casts again"))
+            progress(Progress(task=f"The fit to these casts {badly}", note="as many casts again"))
             for made in (casts, _calibration_casts(rig, config, folder, progress, tuned)):
                 store.add_dataset(made)
             model, casts = learning(store, progress), None
