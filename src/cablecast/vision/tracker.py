@@ -401,12 +401,16 @@ def sample_path(
     if not len(times):
         return np.full((len(sample_times), 2), np.nan)
     frame_dt = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    gaps = np.diff(times, prepend=-np.inf, append=np.inf)[np.searchsorted(times, sample_times)]
+    after = np.searchsorted(times, sample_times)
+    gaps = np.diff(times, prepend=-np.inf, append=np.inf)[after]
     between = np.stack([np.interp(sample_times, times, column) for column in xy.T], axis=-1)
     between[gaps >= 1.5 * frame_dt] = np.nan
-    apart = np.abs(sample_times[:, None] - times)
-    is_on_frame = apart.min(axis=1) <= 0.05 * frame_dt + 1e-9
-    return np.where(is_on_frame[:, None], xy[apart.argmin(axis=1)], between)
+    # Not all pairs of a sample and a frame: a film may last an hour.
+    sides = np.clip([after - 1, after], 0, len(times) - 1)
+    apart = np.abs(times[sides] - sample_times)
+    nearest = np.take_along_axis(sides, apart.argmin(axis=0)[None], axis=0)[0]
+    is_on_frame = apart.min(axis=0) <= 0.05 * frame_dt + 1e-9
+    return np.where(is_on_frame[:, None], xy[nearest], between)
 
 
 def track_samples(
@@ -732,8 +736,8 @@ class EndpointTracker:
         centre, speed, radius = last.pixel, 0.0, 60.0
         # A long time after it was seen, it is where it was or anywhere.
         if lost_count <= 3:
-            dt, speed = time - last.time, float(np.linalg.norm(self._velocity))
-            centre = last.pixel + self._velocity * dt
+            dt, velocity = time - last.time, self._velocity
+            centre, speed = last.pixel + velocity * dt, float(np.linalg.norm(velocity))
             radius = 0.5 * _ACCELERATION_MAX * self._px_per_m * dt * dt + 0.35 * speed * dt
         half = self.config.marker.length * self._px_per_m + 10.0
         half += min(radius, 250.0) + speed * exposure / 2
