@@ -205,6 +205,51 @@ def lights(result: Result) -> str:
     return Table("", columns, rows).markdown()
 
 
+CELL = re.compile(r"(.*?)(?:; at rest after ([\d.]+) s)?; (\W*(?:not )?resumed\W*)")
+"""A cell of the table of faults: what the command said, when the arm stood, and the end."""
+NUMBER = re.compile(r"\d+\.\d+")
+
+
+def reactions(result: Result) -> str:
+    """Return what comes of each fault on all controllers: the usual first, others with phases."""
+    cells: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {}
+    phases = result.tables[0].columns[1:]
+    for table in result.tables:
+        for fault, *row in table.rows:
+            for phase, cell in zip(phases, row, strict=True):
+                if parts := CELL.fullmatch(cell):
+                    cells.setdefault(fault, []).append((table.title, phase, parts.groups()))
+    rows = []
+    for fault, of in cells.items():
+        controllers = list(dict.fromkeys(title for title, _, _ in of))
+        # Numbers differ from cell to cell: the words count, and the numbers' range is shown.
+        kinds: dict[str, list[tuple[str, str, str]]] = {}
+        for title, phase, (words, *_) in of:
+            kinds.setdefault(NUMBER.sub("%s", words), []).append((title, phase, words))
+        said = []
+        for words, places in sorted(kinds.items(), key=lambda item: -len(item[1])):
+            numbers = zip(*(NUMBER.findall(text) for _, _, text in places), strict=True)
+            where = [
+                phase + f" on {' and '.join(on)}" * (on != controllers)
+                for phase in phases
+                if (on := [title for title, at, _ in places if at == phase])
+            ]
+            for of_place in numbers:
+                words = words.replace("%s", span(of_place), 1)
+            said.append(words + f" ({', '.join(where)})" * bool(said))
+        only = f" ({', '.join(controllers)})" * (len(controllers) < len(result.tables))
+        rest = max((float(rest) for *_, (_, rest, _) in of if rest), default=None)
+        done = sum(end == "resumed" for *_, (_, _, end) in of)
+        rows.append((fault + only, "; ".join(said), rest, f"{done} of {len(of)}"))
+    columns = ("fault", "what the command says", "arm at rest within [s]", "resumed")
+    return Table("", columns, rows).markdown()
+
+
+def span(numbers: Sequence[str]) -> str:
+    """Return the least and the largest of some numbers."""
+    return " to ".join(dict.fromkeys((min(numbers, key=float), max(numbers, key=float))))
+
+
 def runs() -> str:
     """Return a row for each result that pages quote: its command, age and pages."""
     rows = []
@@ -274,6 +319,7 @@ VIEWS: dict[str, Callable[[Result], str]] = {
     "marked": marked,
     "closed forms": closed_forms,
     "lights": lights,
+    "reactions": reactions,
     "figures": figures,
     "carries": carries,
 }

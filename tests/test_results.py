@@ -112,6 +112,21 @@ def test_a_result_comes_back_from_its_file(tmp_path):
     assert again.changed() == []
 
 
+def test_faults_with_the_same_words_are_told_once():
+    columns = ("fault", "reset", "cast")
+    old = [
+        ("late", "stopped at 1.5 m; at rest after 0.20 s; resumed", "no harm; **not resumed**"),
+        ("dark", "dark; resumed", "dark; resumed"),
+    ]
+    new = [("late", "no harm; resumed", "stopped at 0.5 m; at rest after 0.30 s; resumed")]
+    tables = (Table("cb3", columns, old), Table("x", columns, new))
+    text = pages.reactions(dataclasses.replace(result_of("cable"), tables=tables))
+    assert text.splitlines()[2:] == [
+        "| late | stopped at 0.5 to 1.5 m; no harm (reset on x, cast on cb3) | 0.3 | 3 of 4 |",
+        "| dark (cb3) | dark |  | 2 of 2 |",
+    ]
+
+
 def test_a_run_with_the_settings_of_a_page_is_known_by_its_name():
     for name, (line, _) in benchmarks.QUOTED.items():
         command, *words = shlex.split(line)
