@@ -198,8 +198,9 @@ def labs(args: LabsArgs) -> Iterator[Table]:
             write_json(path, plain(play(args, seed)))
         found.append(read_json(path))
     yield outcomes(found)
-    yield refusals(found)
-    yield misses(found)
+    yield refusals(found, cast=args.tries > 0)
+    if args.tries:
+        yield misses(found)
 
 
 def outcomes(found: list[dict[str, Any]]) -> Table:
@@ -212,19 +213,21 @@ def outcomes(found: list[dict[str, Any]]) -> Table:
     return Table("Laboratories, and refusals that are right", ("outcome", "labs", "right"), rows)
 
 
-def refusals(found: list[dict[str, Any]]) -> Table:
+def refusals(found: list[dict[str, Any]], *, cast: bool) -> Table:
     """Return how many targets are refused, before any cast or after some, and how rightly."""
+    ends = {"refused": "refused before any cast", "stopped": "stopped after some", "at": "cast at"}
+    if not cast:
+        ends = {"refused": "refused", "at": "allowed"}
     counts = collections.Counter(
         (row["reachable"], "refused" if row["refused"] else "stopped" if row.get("stop") else "at")
         for lab in found
         for row in lab["targets"]
     )
     rows = [
-        (words, *(counts[reachable, what] for what in ("refused", "stopped", "at")))
+        (words, *(counts[reachable, what] for what in ends))
         for reachable, words in ((True, "a random cast lands there"), (False, "none does"))
     ]
-    columns = ("target", "refused before any cast", "stopped after some", "cast at")
-    return Table("Targets", columns, rows)
+    return Table("Targets", ("target", *ends.values()), rows)
 
 
 def misses(found: list[dict[str, Any]]) -> Table:
