@@ -8,8 +8,8 @@ A page says where a result stands:
     <!-- results: all -->                a list of all results
     <!-- end of results -->
 
-What stands between the marks is written by `make results`, and a test compares it. It ends with the
-origin of the data, and says if the code has changed since.
+What stands between the marks is written by `make results`, and a test compares it. The first table
+of a result on a page ends with the origin of the data, and says if the code has changed since.
 """
 
 import datetime
@@ -263,8 +263,8 @@ def runs() -> str:
         took = "" if result.seconds is None else duration_text(result.seconds)
         commit = (result.commit or "")[:8]
         changed = ", ".join(result.changed())
-        rows.append((f"`{result.command}`", result.date, commit, took, changed, links))
-    columns = ("command", "date", "commit", "time", "code changed since", "pages")
+        rows.append((f"`{result.command}`", result.date, commit, took, changed, links, result.note))
+    columns = ("command", "date", "commit", "time", "code changed since", "pages", "note")
     return Table("", columns, rows).markdown()
 
 
@@ -294,7 +294,7 @@ def carries(result: Result) -> str:
         held, middle = sum(value > 0.0 for value in known), float(np.median(known))
         interval = f"{middle:.1f}" + f" ({min(known):.1f} to {max(known):.1f})" * (len(known) > 1)
         size = np.sign(middle) if paper is None else middle / paper
-        why = FINDINGS[finding][2] if size < SMALL else ""
+        why = FINDINGS[finding][2] if size < SMALL and not result.settings["quick"] else ""
         words = "" if paper is None else f"{size:.2f}"
         of = f"{held} of {len(known)}"
         rows.append((size, finding, show(paper), interval, words, of, why))
@@ -307,7 +307,28 @@ def carries(result: Result) -> str:
         "sign carries over in",
         "why not, as far as we know",
     )
-    return Table("", columns, [row[1:] for row in rows]).markdown()
+    # The reasons are those of the whole run.
+    end = None if any(row[-1] for row in rows) else -1
+    return Table("", columns[:end], [row[1:end] for row in rows]).markdown()
+
+
+def repeats(result: Result) -> str:
+    """Return how equal casts repeat, beside the paper, for each speed at the paper's radius."""
+    columns = (
+        "motions",
+        "SD: paper",
+        "SD: ours",
+        "RMS: ours",
+        "off table: paper",
+        "off table: ours",
+    )
+    rows = []
+    for row in result.table("Coverage in %").rows:
+        cells = [str(cell).strip("*") for cell in row]
+        name, rms, sd, sd_paper, off, off_paper = (cells[0], *cells[6:11])
+        if rms:
+            rows.append((name, sd_paper, sd, rms, off_paper, off))
+    return Table("", columns, rows).markdown()
 
 
 VIEWS: dict[str, Callable[[Result], str]] = {
@@ -322,6 +343,7 @@ VIEWS: dict[str, Callable[[Result], str]] = {
     "reactions": reactions,
     "figures": figures,
     "carries": carries,
+    "repeats": repeats,
 }
 
 
@@ -353,8 +375,6 @@ def origin(result: Result, root: pathlib.Path = ROOT) -> str:
     if result.load is not None and result.cores and result.load > 0.5 * result.cores:
         parts.append(f"beside other work (load {result.load:.1f})")
     lines = [", ".join(parts) + "."]
-    if result.note:
-        lines.append(result.note)
     if changed := result.changed(root):
         names = [*changed[:2], f"{len(changed) - 2} more rooms"] if len(changed) > 3 else changed
         words = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
@@ -362,8 +382,8 @@ def origin(result: Result, root: pathlib.Path = ROOT) -> str:
     return f"<small>{' '.join(lines)}</small>"
 
 
-def block(name: str, is_view: bool, what: str | None) -> str:
-    """Return what stands between the marks of a result."""
+def block(name: str, is_view: bool, what: str | None, *, told: bool = False) -> str:
+    """Return what stands between the marks of a result; its origin unless it was told above."""
     if name == "all":
         return f"\n{runs()}\n\n"
     result = quoted(name)
@@ -373,17 +393,18 @@ def block(name: str, is_view: bool, what: str | None) -> str:
         body = VIEWS[what](result)
     else:
         body = result.table(what).markdown()
-    return f"\n{body}\n\n{origin(result)}\n\n"
+    return f"\n{body}\n\n" + ("" if told else f"{origin(result)}\n\n")
 
 
 def rendered(text: str) -> str:
     """Return a page with every result in it as it is now."""
-    parts, place = [], 0
+    parts, place, told = [], 0, set()
     for mark in START.finditer(text):
         end = text.index(END, mark.end())
         name, is_view, what = mark.groups()
-        parts += [text[place : mark.end()], block(name, bool(is_view), what)]
+        parts += [text[place : mark.end()], block(name, bool(is_view), what, told=name in told)]
         place = end
+        told.add(name)
     return "".join((*parts, text[place:]))
 
 
