@@ -1,4 +1,4 @@
-"""A rig of one's own: four methods between cablecast and any robot.
+"""A rig of one's own: three methods and a description between cablecast and any robot.
 
 Put a class like this into a module and give it to any verb that casts, for example
 `cablecast collect --rig my_lab:make_rig`; docs/your-own-rig.md explains each method. This one only

@@ -101,7 +101,11 @@ class Calibrate:
         with console_progress() as progress:
             options = picked(self, "pictures", "count", "write")
             fit = calibrate_lens_of(self.setup, board=board, progress=progress, **options)
-        pattern = "older pattern, of OpenCV before 4.6" if fit.board.legacy else "pattern of today"
+        pattern = (
+            "older pattern, of OpenCV before 4.6"
+            if fit.board.legacy
+            else "pattern of OpenCV 4.6 and later"
+        )
         print(f"board     {pattern}, in {fit.picture_count} pictures")
         print(f"misfit    {fit.rms_px:.2f} px")
         focal = fit.lens.focal

@@ -115,9 +115,9 @@ RigName = Annotated[
     str,
     argument(
         "RIG",
-        text="Rig that makes the casts: virtual (a laboratory in software; virtual:4, its version "
-        "before), engine or engine:NAME (a simulator), ur (an arm), or your own robot as "
-        "package.module:factory.",
+        text="Rig that makes the casts: virtual (a laboratory in software; virtual:4, whose "
+        "physics is close to the simulator's), engine or engine:NAME (a simulator), ur (an arm), "
+        "or your own robot as package.module:factory.",
     ),
 ]
 GripSpeed = Annotated[
