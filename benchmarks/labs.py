@@ -197,19 +197,21 @@ def labs(args: LabsArgs) -> Iterator[Table]:
                 break
             write_json(path, plain(play(args, seed)))
         found.append(read_json(path))
-    yield outcomes(found)
+    yield outcomes(found, cast=args.tries > 0)
     yield refusals(found, cast=args.tries > 0)
     if args.tries:
         yield misses(found)
 
 
-def outcomes(found: list[dict[str, Any]]) -> Table:
+def outcomes(found: list[dict[str, Any]], *, cast: bool) -> Table:
     """Return how many laboratories run, and how many refusals are right."""
     rows = []
-    for name in ("", "description", "check", "aim"):
+    for name in ("", "description", "check", "aim")[: 4 if cast else 3]:
         own = [lab for lab in found if lab["refused"] == name]
         right = sum(lab.get("right", False) for lab in own)
-        rows.append((name or "runs", len(own), right if name else None))
+        # A description is refused for what it says, whatever casts do.
+        judged = name in ("check", "aim")
+        rows.append((name or "runs", len(own), right if judged else None))
     return Table("Laboratories, and refusals that are right", ("outcome", "labs", "right"), rows)
 
 
