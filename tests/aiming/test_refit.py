@@ -37,6 +37,9 @@ COMMAND = (
 def quick(blank_figures, monkeypatch):
     """Let the command line fit and simulate as quickly, too, and take every fit for a close one."""
     monkeypatch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: QUICK)
+    monkeypatch.setattr("cablecast.aiming.propose._SIMULATED_COUNT", 8)
+    monkeypatch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
+    monkeypatch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 30)
     monkeypatch.setattr("cablecast.aiming.session.USUAL_DISTANCES", (0.012, 1.0))
 
 
