@@ -30,7 +30,7 @@ OTHER = ROOT / "runs" / "benchmarks"
 
 PHYSICS = ("cable", "motion/casting", "motion/grip_path", "engines/warp_")
 """Rooms, or packages and modules in them, that decide how a simulated cable moves."""
-LABORATORY = (*PHYSICS, "arm", "rigs/virtual")
+LABORATORY = ("cable", "motion", "engines/warp_", "arm", "rigs/virtual")
 PAPER = (*LABORATORY, "tuning", "learning", "evaluation")
 """What `cablecast reproduce` depends on: it does not aim."""
 LEARNING = (*LABORATORY, "tuning", "learning", "aiming")
