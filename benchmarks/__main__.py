@@ -121,7 +121,6 @@ QUOTED: dict[str, tuple[str, float]] = {
     "convergence-attachments": ("convergence --attachments --count 40", 0.1),
     "convergence": ("convergence", 0.15),
     "stability": ("stability", 0.25),
-    "engines": ("engines", 0.5),
     "peers": ("peers", 1.0),
     "mocap": ("mocap --data DIR", 1.0),
     "light": ("light", 0.5),

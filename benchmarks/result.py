@@ -73,8 +73,11 @@ def show(value: Any) -> str:
     """Return a cell of a table."""
     if value is None:
         return ""
+    if not isinstance(value, float):
+        return str(value)
     # Not -0.
-    return f"{value + 0.0:.3g}" if isinstance(value, float) else str(value)
+    text = f"{value + 0.0:.3g}"
+    return f"{float(text):,.0f}" if 1e3 <= abs(value) < 1e9 else text
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
