@@ -17,7 +17,10 @@ NAMES = sorted(path.stem for path in pages.FOLDER.glob("*.json"))
 @pytest.mark.parametrize("page", pages.PAGES)
 def test_a_page_says_what_its_results_hold(page):
     text = (ROOT / page).read_text()
-    assert pages.rendered(text) == text, f"{page} differs from its results: run `make results`"
+    assert pages.rendered(text) == text, (
+        f"{page} differs from its results: run `make results`; `python -m benchmarks all --budget "
+        "HOURS` renews results whose code has changed"
+    )
 
 
 def test_a_digit_that_was_changed_by_hand_is_found():
