@@ -105,6 +105,7 @@ QUOTED: dict[str, tuple[str, float]] = {
         0.4,
     ),
     "labs": ("labs --tries 0 --count 50", 0.3),
+    "waits": ("preparation --cables cable_1 --targets 5", 0.1),
     "arms": ("arms", 0.1),
     "reproduce": ("reproduce", 3.0),
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),
