@@ -119,7 +119,7 @@ def play(args: LabsArgs, seed: int) -> dict[str, Any]:
         setup = cc.Setup.from_dict(lab)
     except cc.CablecastError as error:
         # The cable lies beyond the table wherever the arm may hold it.
-        return found | {"refused": "description", "reason": str(error), "right": True}
+        return found | {"refused": "description", "reason": str(error)}
     truth = truth_of(setup, seed)
     landed = brute_force(setup, truth)
     found["landed"] = len(landed)
@@ -197,16 +197,17 @@ def labs(args: LabsArgs) -> Iterator[Table]:
                 break
             write_json(path, plain(play(args, seed)))
         found.append(read_json(path))
-    yield outcomes(found, cast=args.tries > 0)
-    yield refusals(found, cast=args.tries > 0)
-    if args.tries:
+    cast = args.tries > 0
+    yield outcomes(found, cast=cast)
+    yield refusals(found, cast=cast)
+    if cast:
         yield misses(found)
 
 
 def outcomes(found: list[dict[str, Any]], *, cast: bool) -> Table:
     """Return how many laboratories run, and how many refusals are right."""
-    rows = []
-    for name in ("", "description", "check", "aim")[: 4 if cast else 3]:
+    names, rows = ("", "description", "check"), []
+    for name in (*names, "aim") if cast else names:
         own = [lab for lab in found if lab["refused"] == name]
         right = sum(lab.get("right", False) for lab in own)
         # A description is refused for what it says, whatever casts do.

@@ -77,7 +77,7 @@ def show(value: Any) -> str:
         return str(value)
     # Not -0.
     text = f"{value + 0.0:.3g}"
-    return f"{float(text):,.0f}" if 1e3 <= abs(value) < 1e9 else text
+    return f"{float(text):,.0f}" if 1e3 <= abs(float(text)) < 1e9 else text
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from benchmarks import __main__ as benchmarks
 from benchmarks import pages
-from benchmarks.result import ROOT, Result, Table, fingerprint, fingerprints_at, measured, quoted
+from benchmarks.result import (
+    ROOT,
+    Result,
+    Table,
+    fingerprint,
+    fingerprints_at,
+    measured,
+    quoted,
+    show,
+)
 
 NAMES = sorted(path.stem for path in pages.FOLDER.glob("*.json"))
 
@@ -113,6 +122,18 @@ def test_a_result_comes_back_from_its_file(tmp_path):
     assert (again.cores, again.processor) == (result.cores, result.processor)
     assert again.seconds is not None
     assert again.changed() == []
+
+
+def test_a_number_of_a_table_has_three_digits_and_no_exponent():
+    numbers = [0.12345, -0.0, 999.7, 12345.6, 4_567_890.0, float("nan")]
+    assert [show(number) for number in numbers] == [
+        "0.123",
+        "0",
+        "1,000",
+        "12,300",
+        "4,570,000",
+        "nan",
+    ]
 
 
 def test_faults_with_the_same_words_are_told_once():

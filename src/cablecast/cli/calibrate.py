@@ -101,11 +101,7 @@ class Calibrate:
         with console_progress() as progress:
             options = picked(self, "pictures", "count", "write")
             fit = calibrate_lens_of(self.setup, board=board, progress=progress, **options)
-        pattern = (
-            "older pattern, of OpenCV before 4.6"
-            if fit.board.legacy
-            else "pattern of OpenCV 4.6 and later"
-        )
+        pattern = "older pattern, of OpenCV before 4.6" if fit.board.legacy else "newer pattern"
         print(f"board     {pattern}, in {fit.picture_count} pictures")
         print(f"misfit    {fit.rms_px:.2f} px")
         focal = fit.lens.focal
