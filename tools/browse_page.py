@@ -117,7 +117,8 @@ class TablePage:
         return box["x"] + float(x), box["y"] + float(y)
 
     def target(self) -> np.ndarray:
-        """Return the target of the plan on the page [m], shape [2]."""
+        """Wait for a plan on the page, and return its target [m], shape [2]."""
+        self.tab.locator("tr").filter(has_text=re.compile(r"^target")).first.wait_for()
         found = re.search(r"target\s+([\d.]+) m, (-?[\d.]+)°", self.text())
         if found is None:
             raise RuntimeError("the page shows no plan")

@@ -401,6 +401,8 @@ class Page:
         def refresh() -> None:
             phase, state, preview = desk.phase, worker.state, desk.preview
             busy = bool(state.name)
+            # The plan is there before the page asks to look at it.
+            update(plan, content="" if preview is None else plan_text(preview, desk))
             update(status, content=status_text(desk, state))
             update(make, visible=phase is Phase.NO_MODEL, disabled=busy)
             stopped = phase in (Phase.PLANNED, Phase.DONE) and bool(desk.stop)
@@ -411,7 +413,6 @@ class Page:
             update(anyway, visible=stopped, disabled=busy)
             update(stop, visible=busy)
             _refresh_bar(bar, state)
-            update(plan, content="" if preview is None else plan_text(preview, desk))
             steps = tour_text(desk, state)
             update(tour, visible=bool(steps), content=steps)
             update(tries, visible=bool(desk.tries))
