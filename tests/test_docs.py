@@ -14,6 +14,15 @@ import typing
 import numpy as np
 import pytest
 from benchmarks.__main__ import COMMANDS, parse
+from tools.type_commands import (
+    ELSEWHERE,
+    MADE,
+    blocks,
+    commands_of,
+    pages_with_commands,
+    why_elsewhere,
+)
+from tools.type_commands import PAGES as TYPED
 
 import cablecast
 from cablecast.arm.base import JointLimits
@@ -33,19 +42,9 @@ def by_name(page: pathlib.Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-def blocks(text: str) -> list[tuple[str, str]]:
-    """Language and content of each fenced block."""
-    return re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-
-
 def commands(page: pathlib.Path) -> list[list[str]]:
     """Return the commands in the fenced blocks of a page, split as a shell splits them."""
-    found = []
-    for language, content in blocks(page.read_text()):
-        if language in ("", "sh", "bash"):
-            lines = content.replace("\\\n", " ").splitlines()
-            found += [shlex.split(line, comments=True) for line in lines]
-    return [words for words in found if words]
+    return [shlex.split(command.plain) for command in commands_of(by_name(page))]
 
 
 def inline_commands(page: pathlib.Path) -> list[list[str]]:
@@ -124,6 +123,17 @@ def test_every_command_in_a_block_is_understood(page, monkeypatch):
     for words in commands(page):
         if pathlib.Path(words[0]).name == "cablecast":
             assert run_command(words[1:]) == 0
+
+
+def test_every_command_in_a_block_is_typed_or_named_with_what_runs_it():
+    assert set(pages_with_commands()) == set(TYPED)
+    lines = [command for page in TYPED for command in commands_of(page)]
+    assert set(ELSEWHERE) <= {line.plain for line in lines}
+    for page, start in MADE:
+        assert any(one.page == page and one.plain.startswith(start) for one in lines), start
+    for reason in filter(None, map(why_elsewhere, lines)):
+        for name in re.findall(r"tests/\S+\.py", reason):
+            assert (ROOT / name).is_file(), name
 
 
 @pytest.mark.parametrize("page", PAGES, ids=by_name)
