@@ -8,7 +8,7 @@ import cablecast as cc
 pytestmark = [pytest.mark.cuda, pytest.mark.slow]
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="module")
 def cuda_device():
     torch = pytest.importorskip("torch")
     if not torch.cuda.is_available():
