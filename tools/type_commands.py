@@ -142,7 +142,7 @@ MADE = {
 SERVERS = ("cablecast view", "cablecast twin")
 GOOD = (0, 3)
 SERVER_TIME = 120.0
-"""Time in which a server must say where it is [s]."""
+"""Time in which a server must say where it is, and end [s]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -245,7 +245,11 @@ class Reader:
         """Stop a server as Ctrl-C does."""
         if process := self.servers.pop(kind, None):
             os.killpg(process.pid, signal.SIGINT)
-            process.wait(timeout=60)
+            try:
+                process.wait(timeout=SERVER_TIME)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                raise
 
     def type(self, line: str, where: pathlib.Path) -> tuple[int, float, pathlib.Path]:
         """Type a line, and return its status, its time [s] and the file with what it printed."""
@@ -324,6 +328,8 @@ def main() -> int:
     parser.add_argument("folder", type=pathlib.Path, help="for the clone and the log")
     parser.add_argument("--pages", nargs="+", choices=PAGES, default=PAGES)
     options = parser.parse_args()
+    # A job in the background of a script ignores Ctrl-C, and so would what it starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     reader = Reader(options.folder.resolve())
     try:
         if not (reader.clone / ".venv/.installed").exists() and options.pages[0] != PAGES[0]:
