@@ -25,7 +25,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
@@ -192,9 +192,11 @@ class Reader:
 
     Args:
         folder: The clone and, beside it, the log.
+        later: Commands that contain one of these are left for another run.
     """
 
-    def __init__(self, folder: pathlib.Path):
+    def __init__(self, folder: pathlib.Path, later: Sequence[str] = ()):
+        self.later = later
         self.clone, self.outputs = folder / "clone", folder / "typed"
         self.log, self.table = folder / "typed.jsonl", folder / "typed.md"
         self.servers: dict[str, subprocess.Popen[bytes]] = {}
@@ -278,6 +280,8 @@ class Reader:
             if reason := why_elsewhere(command):
                 self.note(command, reason, 0.0)
                 continue
+            if any(text in command.line for text in self.later):
+                continue
             for start in [start for start in made if command.plain.startswith(start)]:
                 for line in made.pop(start):
                     status, _, output = self.type(line, self.clone)
@@ -327,10 +331,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("folder", type=pathlib.Path, help="for the clone and the log")
     parser.add_argument("--pages", nargs="+", choices=PAGES, default=PAGES)
+    parser.add_argument("--later", nargs="+", default=(), help="leave out commands with this text")
     options = parser.parse_args()
     # A job in the background of a script ignores Ctrl-C, and so would what it starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    reader = Reader(options.folder.resolve())
+    reader = Reader(options.folder.resolve(), options.later)
     try:
         if not (reader.clone / ".venv/.installed").exists() and options.pages[0] != PAGES[0]:
             reader.type("make install", reader.clone)
