@@ -112,6 +112,9 @@ MADE = {
         write("my_lab.py", MY_LAB),
     ),
     ("docs/lab.md", "cablecast collect"): ("cp examples/lab.yaml lab.yaml",),
+    ("docs/learning.md", "cablecast plan --target"): (
+        "sed 's/measured: false/measured: true/' examples/lab.yaml > lab.yaml",
+    ),
     ("docs/aim.md", "cablecast aim --target 1.00 5"): (
         write("lab.yaml", NEWCOMER_LAB),
         "rm -rf runs/my_lab/aim",
