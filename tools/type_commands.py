@@ -241,7 +241,7 @@ class Reader:
         process = self.servers[kind] = self.start(line, where, output)
         until = time.monotonic() + SERVER_TIME
         while time.monotonic() < until and process.poll() is None:
-            if re.search(r"127\.0\.0\.1", output.read_text(errors="replace")):
+            if re.search(r"listens on|page is at", output.read_text(errors="replace")):
                 return 0
             time.sleep(0.2)
         return process.returncode or 1
@@ -338,6 +338,7 @@ def main() -> int:
     options = parser.parse_args()
     # A job in the background of a script ignores Ctrl-C, and so would what it starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     reader = Reader(options.folder.resolve(), options.later)
     try:
         if not (reader.clone / ".venv/.installed").exists() and options.pages[0] != PAGES[0]:
