@@ -92,9 +92,9 @@ class TablePage:
         self.tab.goto(address)
         self.wait_for("cablecast")
 
-    def wait_for(self, text: str) -> None:
-        """Wait until a text is seen on the page; what hidden tabs say does not count."""
-        self.tab.locator(f"text={text} >> visible=true").first.wait_for()
+    def wait_for(self, text: str, patience: float = PATIENCE) -> None:
+        """Wait until a text is seen on the page [ms]; what hidden tabs say does not count."""
+        self.tab.locator(f"text={text} >> visible=true").first.wait_for(timeout=patience)
 
     def button(self, name: str) -> Any:
         """Return a button by its whole label."""
