@@ -91,7 +91,10 @@ from cablecast.rigs.virtual import RigVirtual
 def make_rig(setup, seed):
     return RigVirtual(setup, seed)
 """
-FILM = "python tools/film.py trial film --action -40 35 0.65 60 && cp -r film/. ."
+FILM = (
+    "python tools/film.py trial film --action -40 35 0.65 60",
+    "cp -r film/. . && mv trial.mp4 cast.mp4",
+)
 TWIN = "cablecast twin --setup lab.yaml"
 RECORDED = """\
 import pandas as pd
@@ -136,7 +139,7 @@ MADE = {
         "cp examples/lab.yaml lab.yaml",
         "cp examples/05_your_own_rig.py my_lab.py",
     ),
-    ("docs/camera.md", "cablecast track trial.mp4"): (FILM,),
+    ("docs/camera.md", "cablecast track cast.mp4"): FILM,
     ("docs/camera.md", "cablecast camera check"): ("cp examples/twin.yaml lab.yaml", TWIN),
     ("docs/robot.md", "cablecast check"): (
         "rm -rf runs/my_lab",
