@@ -173,6 +173,11 @@ def test_a_page_whose_process_dies_in_mid_cast_finds_the_session_again_by_itself
     served.start()
     assert served.address == address
     page.wait_for("Click on the table", RECONNECTED)
+    # A connection that came up late is followed by another, with which the page is built anew.
+    time.sleep(3.0)
+    until = time.monotonic() + 60.0
+    while numbers(page) != before and time.monotonic() < until:
+        time.sleep(0.2)
     assert numbers(page) == before
     assert len(open_collection(served.folder / "aim")) == len(before)
     page.point_at(TARGET * [-1, 1])
