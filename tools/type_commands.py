@@ -134,6 +134,8 @@ MADE = {
         "printf 'length: 0.62\\ndiameter: 0.011\\nmass: 0.05\\n' > my_cable.yaml",
         f"python -c {shlex.quote(RECORDED)}",
     ),
+    ("docs/cluster.md", "cablecast simulate"): ("rm -rf runs/cable_1/dataset",),
+    ("docs/cluster.md", "cablecast tune"): ("rm -rf runs/cable_1/tune",),
     ("docs/your-own-rig.md", "cablecast aim"): (
         "rm -rf runs/my_lab",
         "cp examples/lab.yaml lab.yaml",
