@@ -136,6 +136,8 @@ MADE = {
     ),
     ("docs/cluster.md", "cablecast simulate"): ("rm -rf runs/cable_1/dataset",),
     ("docs/cluster.md", "cablecast tune"): ("rm -rf runs/cable_1/tune",),
+    ("docs/cluster.md", "cablecast select"): ("rm -rf runs/cable_1/select",),
+    ("docs/select.md", "cablecast select"): ("rm -rf runs/cable_1/select",),
     ("docs/your-own-rig.md", "cablecast aim"): (
         "rm -rf runs/my_lab",
         "cp examples/lab.yaml lab.yaml",
