@@ -100,9 +100,13 @@ QUOTED: dict[str, tuple[str, float]] = {
     "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 99", 1.2),
     "scatter-5": ("scatter --rig virtual --calibration 10 --targets 6 --repeats 5", 0.2),
     "other-physics": (
-        "casts --rigs strange chain example --counts 10 --methods aim --cables cable_1 "
-        "--targets 33",
+        "casts --rigs strange patchy example --counts 10 --methods aim --cables cable_1 "
+        "--targets 66",
         0.4,
+    ),
+    "chain": (
+        "casts --rigs chain --counts 10 --methods aim --cables cable_1 --targets 33",
+        0.5,
     ),
     "labs": ("labs --tries 0 --count 50", 0.3),
     "waits": ("preparation --cables cable_1 --targets 5", 0.1),
