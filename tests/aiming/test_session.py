@@ -346,11 +346,13 @@ def test_no_cast_is_made_twice_at_a_target(policy):
         assert np.any(np.abs(one - other) > SAME_ACTION)
 
 
-def test_a_cast_that_will_hardly_hit_is_made_only_where_it_is_expected_nearer(policy):
+def test_a_third_cast_that_will_hardly_hit_is_made_only_where_it_is_expected_nearer(policy):
     target = np.array([0.3, 1.1])
-    with rig_of(policy, bias=0.3) as rig:
-        session = session_of(policy, within_pct=1.0, anyway=False)
-        missed = session.cast(rig, session.propose(target)).final_xy - target
+    session = session_of(policy, within_pct=1.0, anyway=False)
+    missed = np.array([0.03, 0.05])
+    # A cast at another target landed nearer: it does not count.
+    session.observe(session.propose(target + 0.2), track_to(target + 0.1 * missed))
+    session.observe(session.propose(target), track_to(target + missed))
     # Stated so widely that hits are unlikely, as after a cast that missed by more than was stated.
     wide = dataclasses.replace(session.propose(target), covariance=np.eye(2), scatter=0.002)
     nearer, hardly = (
@@ -358,6 +360,8 @@ def test_a_cast_that_will_hardly_hit_is_made_only_where_it_is_expected_nearer(po
     )
     scattered = dataclasses.replace(nearer, scatter=np.linalg.norm(missed))
     likely = dataclasses.replace(hardly, within_pct=40.0, covariance=missed @ missed * np.eye(2))
+    assert session.stop_reason(hardly) == ""
+    session.observe(session.propose(target), track_to(target + 2.0 * missed))
     assert max(one.hit_chance for one in (nearer, hardly, scattered)) < 0.1 < likely.hit_chance
     assert session.stop_reason(nearer) == session.stop_reason(likely) == ""
     r, theta = xy_to_polar(target + missed)

@@ -54,8 +54,9 @@ ENOUGH = 40
 """Casts from which on no fit is due: more hardly change the parameters."""
 
 _INNOVATION_MAX = 4.0
-# A cast with a smaller chance to hit than this must be expected nearer than this share of the
-# nearest landing's distance; so many casts in a row that come no nearer are the last at a target.
+# From the third cast at a target on, one with a smaller chance to hit than this must be expected
+# nearer than this share of the nearest landing's distance; so many casts in a row that come no
+# nearer are the last.
 _UNLIKELY, _NEARER, _STUCK = 0.1, 0.75, 3
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _SCALE_GROWTH = 1.3
@@ -282,8 +283,9 @@ class AimSession:
         """Return why a proposed cast is not worth making, in words; empty where it is.
 
         It is not where the last three casts at the target came no nearer than those before, where
-        it will hardly hit and is expected hardly nearer than the nearest landing, the scatter of
-        equal casts included, or where none has landed and this one is expected far off.
+        two have been made there and this one will hardly hit and is expected hardly nearer than
+        the nearest of them, the scatter of equal casts included, or where none has landed and this
+        one is expected far off.
         `AimConfig.anyway` makes it all the same.
         """
         target, length = proposal.target_xy, self.setup.cable.length
@@ -291,15 +293,16 @@ class AimSession:
         def miss(xy: NDArray[np.float64]) -> float:
             return float(np.linalg.norm(xy - target))
 
-        misses = [miss(c.final_xy) if c.landed else math.inf for c in self.casts_at(target)]
-        landed = [cast.final_xy for _, cast in self._counted() if cast.landed and misses]
+        casts = self.casts_at(target)
+        misses = [miss(cast.final_xy) if cast.landed else math.inf for cast in casts]
+        landed = [cast.final_xy for cast in casts if cast.landed]
         near = min(landed or [self.model.policy.nearest_landing(target)], key=miss)
         expected = miss(proposal.expected_xy)
         before = min(misses[:-_STUCK], default=math.inf)
         stuck = len(misses) >= _STUCK and min(misses[-_STUCK:]) >= before
         if landed:
             hardly = math.hypot(expected, math.sqrt(2.0) * proposal.scatter) >= _NEARER * miss(near)
-            stops = proposal.hit_chance < _UNLIKELY and hardly
+            stops = len(casts) >= 2 and proposal.hit_chance < _UNLIKELY and hardly
         else:
             far = expected > max(proposal.within_pct / 100.0, NEAR) * length
             stops = proposal.hit_chance < HIT_CHANCE_MIN and far
