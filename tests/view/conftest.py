@@ -1,6 +1,7 @@
 """A desk in a linear world: a policy with a closed form, and a rig that lands beside it."""
 
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -134,3 +135,16 @@ def drawn():
         return {name: node for name, node in known.items() if node.visible}
 
     return nodes
+
+
+@pytest.fixture(scope="session")
+def wait_until():
+    """Return a function that waits until a condition holds, and fails if it never does."""
+
+    def wait(condition, patience=60.0):
+        until = time.monotonic() + patience
+        while not condition():
+            assert time.monotonic() < until, "it never came"
+            time.sleep(0.01)
+
+    return wait

@@ -139,7 +139,7 @@ def test_a_finger_taps_a_target_and_the_panel_is_as_wide_as_the_phone(browser, s
     page.tab.context.close()
 
 
-def test_the_map_is_seen_on_the_table_and_the_camera_beside_it(page, tmp_path):
+def test_the_map_is_seen_on_the_table_and_the_camera_beside_it(page, tmp_path, wait_until):
     def blueness():
         path = page.picture(tmp_path / "page.png")
         red, _, blue = Image.open(path).convert("RGB").getpixel(page.pixel(BESIDE))
@@ -152,17 +152,16 @@ def test_the_map_is_seen_on_the_table_and_the_camera_beside_it(page, tmp_path):
     page.tab.get_by_label("Where it can land").click()
     page.wait_for("Expected miss of a first cast")
     # The model is sure there.
-    until = time.monotonic() + 60.0
-    while (coloured := blueness()) - plain < MAP_BLUENESS and time.monotonic() < until:
-        time.sleep(0.2)
-    assert coloured - plain > MAP_BLUENESS
+    wait_until(lambda: blueness() - plain > MAP_BLUENESS)
     page.tab.get_by_label("Where it can land").click()
     page.button("Cast").click()
     page.wait_for_rest()
     page.tab.get_by_text("Camera", exact=True).wait_for()
 
 
-def test_a_page_whose_process_dies_in_mid_cast_finds_the_session_again_by_itself(page, served):
+def test_a_page_whose_process_dies_in_mid_cast_finds_the_session_again_by_itself(
+    page, served, wait_until
+):
     before = numbers(page)
     page.point_at(TARGET * [-1, 1])
     page.wait_for("Look at the plan")
@@ -175,10 +174,7 @@ def test_a_page_whose_process_dies_in_mid_cast_finds_the_session_again_by_itself
     page.wait_for("Click on the table", RECONNECTED)
     # A connection that came up late is followed by another, with which the page is built anew.
     time.sleep(3.0)
-    until = time.monotonic() + 60.0
-    while numbers(page) != before and time.monotonic() < until:
-        time.sleep(0.2)
-    assert numbers(page) == before
+    wait_until(lambda: numbers(page) == before)
     assert len(open_collection(served.folder / "aim")) == len(before)
     page.point_at(TARGET * [-1, 1])
     page.wait_for("Look at the plan")

@@ -1,5 +1,3 @@
-import time
-
 import numpy as np
 import pytest
 
@@ -29,18 +27,10 @@ def cast(duration):
     return ShownCast(times=times, endpoint_xy=np.zeros((3, 2)))
 
 
-def rest(player):
-    for _ in range(1000):
-        if not player.playing:
-            return
-        time.sleep(0.005)
-    raise AssertionError("it never came to rest")
-
-
-def test_casts_play_side_by_side_to_the_end_of_the_longest(player):
+def test_casts_play_side_by_side_to_the_end_of_the_longest(player, wait_until):
     first, second, done = Noting(), Noting(), []
     player.play([(first, cast(0.1)), (second, cast(0.2))], done=lambda: done.append(1))
-    rest(player)
+    wait_until(lambda: not player.playing)
     assert first.times == second.times
     assert first.times[0] == 0.0
     assert first.times[-1] == pytest.approx(0.2)
@@ -48,10 +38,10 @@ def test_casts_play_side_by_side_to_the_end_of_the_longest(player):
     assert done == [1]
 
 
-def test_rounds_are_played_from_the_beginning(player):
+def test_rounds_are_played_from_the_beginning(player, wait_until):
     figure = Noting()
     player.play([(figure, cast(0.15))], rounds=2)
-    rest(player)
+    wait_until(lambda: not player.playing)
     assert np.count_nonzero(np.diff(figure.times) < 0) == 1
 
 

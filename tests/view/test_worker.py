@@ -28,15 +28,7 @@ def run_with(worker, scenario):
         raise errors[0]
 
 
-def wait_until(condition):
-    for _ in range(500):
-        if condition():
-            return
-        time.sleep(0.01)
-    raise AssertionError("it never came")
-
-
-def test_work_is_done_in_the_thread_of_the_worker_and_reports():
+def test_work_is_done_in_the_thread_of_the_worker_and_reports(wait_until):
     seen = []
     worker = Worker()
 
@@ -59,7 +51,7 @@ def test_work_is_done_in_the_thread_of_the_worker_and_reports():
     assert worker.state.message == ""
 
 
-def test_a_second_work_is_refused_while_one_is_under_way():
+def test_a_second_work_is_refused_while_one_is_under_way(wait_until):
     worker, gate = Worker(), threading.Event()
 
     def scenario():
@@ -73,7 +65,7 @@ def test_a_second_work_is_refused_while_one_is_under_way():
     run_with(worker, scenario)
 
 
-def test_a_stop_interrupts_the_work_and_runs_its_cleanup():
+def test_a_stop_interrupts_the_work_and_runs_its_cleanup(wait_until):
     worker, events = Worker(), []
 
     def work(report):
@@ -104,7 +96,7 @@ def test_a_stop_without_work_does_nothing():
     ("error", "words"),
     [(RigError("the arm is off"), "the arm is off"), (KeyError("q7"), "KeyError: 'q7'")],
 )
-def test_work_that_fails_leaves_a_sentence_and_a_worker_that_goes_on(error, words):
+def test_work_that_fails_leaves_a_sentence_and_a_worker_that_goes_on(error, words, wait_until):
     worker, done = Worker(), []
 
     def fail(report):
@@ -131,7 +123,7 @@ def test_somebody_at_the_keyboard_ends_the_program():
         worker.run()
 
 
-def test_work_that_is_stopped_before_it_starts_never_starts():
+def test_work_that_is_stopped_before_it_starts_never_starts(wait_until):
     worker, done = Worker(), []
     finish = worker._finish
 
