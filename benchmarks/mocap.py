@@ -27,6 +27,7 @@ from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
+from cablecast.runs.folder import Parts, fingerprint
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,7 @@ class Args:
         dt: Longest step [s].
         iterations: Largest number of steps of the fit from each start.
         starts: Number of starts of each fit; one that is not the first is the best of some draws.
+        out: Folder of the fits, in which the same command resumes.
     """
 
     data: pathlib.Path
@@ -66,6 +68,7 @@ class Args:
     dt: float = 5e-4
     iterations: int = 12
     starts: int = 3
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/mocap")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -476,15 +479,19 @@ def find_cables(folder: pathlib.Path) -> list[str]:
 
 def main(args: Args) -> Iterator[Table]:
     """Fit, play held-out sequences, and yield the table."""
+    settings = {key: value for key, value in vars(args).items() if key not in ("data", "out")}
     rows: list[tuple[Any, ...]] = []
     for name in find_cables(args.data):
-        train = Sequences(args.data / f"{name}_train.npz")
-        held_out = Sequences(args.data / f"{name}_eval.npz")
-        values: dict[str, float] | None = None
-        for label, unknowns in SETS.items():
-            values = fit(Player(train, args), unknowns, args.iterations, values, args.starts)
-            trained = Player(train, args).error_cm(values)
-            tested = Player(held_out, args).error_cm(values)
+        files = [args.data / f"{name}_{part}.npz" for part in ("train", "eval")]
+        fits = Parts(args.out / name, fingerprint(settings, *(file.read_bytes() for file in files)))
+        train, held_out = (Player(Sequences(file), args) for file in files)
+        for number, (label, unknowns) in enumerate(SETS.items()):
+            values = fits.get(f"fit-{number}")
+            if values is None:
+                before = fits.get(f"fit-{number - 1}")
+                values = fit(train, unknowns, args.iterations, before, args.starts)
+                fits.put(f"fit-{number}", values)
+            trained, tested = train.error_cm(values), held_out.error_cm(values)
             found = ", ".join(f"{key} {value:.3g}" for key, value in values.items())
             rows.append((name, label, *trained, *tested, found))
             print(rows[-1], file=sys.stderr, flush=True)

@@ -1,10 +1,12 @@
 """The benchmark of motion capture, with a cable that the engine itself has swung."""
 
+import dataclasses
+
 import numpy as np
 import pytest
-from benchmarks.mocap import BEND, DAMPING, Args, Player, Sequences, fit, main
+from benchmarks.mocap import BEND, DAMPING, SETS, Args, Player, Sequences, fit, main
 
-from cablecast.errors import InputError
+from cablecast.errors import DamagedFileError, InputError
 
 RATE, FRAMES = 100.0, 40
 TRUE = {"bend_stiffness": 1e-3, "twist_stiffness": 1e-3, "linear_damping": 0.1}
@@ -72,6 +74,30 @@ def test_more_numbers_never_follow_the_sequences_less(folder, monkeypatch):
     assert np.abs(errors(fit(player, (BEND, DAMPING), 8, starts=4))).max() < 0.01
 
 
+def test_what_was_fitted_is_not_fitted_again(folder, tmp_path, monkeypatch):
+    (folder / "rope_eval.npz").write_bytes((folder / "rope_train.npz").read_bytes())
+    args = Args(data=folder, segment_count=20, iterations=1, starts=1, out=tmp_path)
+    seen = []
+
+    def stopped(_, unknowns, *rest):
+        seen.append(rest[1])
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+        return {**TRUE, "damping_time": 0.05 * len(seen)}
+
+    monkeypatch.setattr("benchmarks.mocap.fit", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        list(main(args))
+    (table,) = main(args)
+    assert len(table.rows) == len(SETS) == len(seen) - 1
+    # Each fit starts from what the one before found.
+    assert seen[0] is None
+    assert seen[1] == seen[2] == {**TRUE, "damping_time": 0.05}
+    assert table.rows[0][2] == table.rows[0][4]
+    with pytest.raises(DamagedFileError, match="other settings"):
+        list(main(dataclasses.replace(args, starts=2)))
+
+
 def test_a_folder_without_sequences_is_refused(tmp_path):
     with pytest.raises(InputError, match="holds no file"):
-        list(main(Args(data=tmp_path)))
+        list(main(Args(data=tmp_path, out=tmp_path)))
