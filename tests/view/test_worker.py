@@ -65,7 +65,7 @@ def test_a_second_work_is_refused_while_one_is_under_way(wait_until):
     run_with(worker, scenario)
 
 
-def test_a_stop_interrupts_the_work_and_runs_its_cleanup(wait_until):
+def test_a_stop_interrupts_the_work_and_more_of_them_leave_its_cleanup_alone(wait_until):
     worker, events = Worker(), []
 
     def work(report):
@@ -73,17 +73,49 @@ def test_a_stop_interrupts_the_work_and_runs_its_cleanup(wait_until):
             events.append("begun")
             time.sleep(30.0)
         finally:
+            report(Progress(task="stopping the arm"))
+            time.sleep(0.5)
             events.append("arm stopped")
 
     def scenario():
         worker.submit("a cast", work)
         wait_until(lambda: events)
         worker.stop()
+        wait_until(lambda: worker.state.progress)
+        for _ in range(3):
+            worker.stop()
+            time.sleep(0.05)
+        wait_until(lambda: not worker.busy)
+        assert worker.state.message == "stopped: a cast"
+        worker.submit("another cast", lambda report: events.append("cast"))
         wait_until(lambda: not worker.busy)
 
     run_with(worker, scenario)
-    assert events == ["begun", "arm stopped"]
-    assert worker.state.message == "stopped: a cast"
+    assert events == ["begun", "arm stopped", "cast"]
+
+
+def test_a_stop_of_work_that_fails_meanwhile_is_not_taken_for_the_next_interrupt(wait_until):
+    worker, events = Worker(), []
+
+    def fails(report):
+        try:
+            events.append("begun")
+            time.sleep(30.0)
+        finally:
+            raise RigError("the arm is off")
+
+    def interrupted(report):
+        raise KeyboardInterrupt
+
+    def scenario():
+        worker.submit("a cast", fails)
+        wait_until(lambda: events)
+        worker.stop()
+        wait_until(lambda: worker.state.message == "the arm is off")
+        worker.submit("another cast", interrupted)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_with(worker, scenario)
 
 
 def test_a_stop_without_work_does_nothing():

@@ -1,7 +1,7 @@
 """Work that takes time, one piece at a time, in the thread that made the worker.
 
 A page answers clicks in threads of its own. Casts and long work run in the main thread instead:
-there the time limits of rigs hold (rigs/time_limit.py), and a stop reaches the work as Ctrl-C does,
+there the time limits of rigs hold, and a stop reaches the work as Ctrl-C does,
 so that a robot stops, its connection is closed, and stored parts are kept.
 """
 
@@ -32,6 +32,7 @@ class WorkState:
         progress: Latest report of the work, if it reported.
         seconds_left: Expected time left [s]; None if unknown.
         step: Number of the step that the work said it is at, as in "2/4 fit"; 0 if it has none.
+        stopping: Whether somebody has stopped the work, which is still tidying up.
         message: End of the last work in one sentence; empty after a success.
     """
 
@@ -39,6 +40,7 @@ class WorkState:
     progress: Progress | None = None
     seconds_left: float | None = None
     step: int = 0
+    stopping: bool = False
     message: str = ""
 
 
@@ -56,7 +58,7 @@ class Worker:
         self._lock = threading.Lock()
         self._thread = threading.get_ident()
         self._queue: queue.SimpleQueue[Work] = queue.SimpleQueue()
-        self._stops = 0
+        self._asked_to_stop = False
         self._ended = False
         self._pace = Pace()
 
@@ -76,6 +78,7 @@ class Worker:
             if self.state.name:
                 raise InputError(f"the table is busy: {self.state.name} is under way")
             self.state = WorkState(name=name)
+            self._asked_to_stop = False
             self._pace = Pace()
             self._queue.put(work)
         self.notify()
@@ -83,13 +86,16 @@ class Worker:
     def stop(self) -> None:
         """Interrupt the work under way, if any, as Ctrl-C would.
 
-        A rig is interrupted where it stands, so that its own `finally` clauses stop the arm.
+        A rig is interrupted where it stands, so that its own `finally` clauses stop the arm. Work
+        that is being stopped is not interrupted again: these clauses would be cut off.
         """
         with self._lock:
-            if not self.state.name:
+            if not self.state.name or self.state.stopping:
                 return
-            self._stops += 1
-        signal.pthread_kill(self._thread, signal.SIGINT)
+            self.state = dataclasses.replace(self.state, stopping=True)
+            self._asked_to_stop = True
+            # Under the lock, so that the worker finds it asked for.
+            signal.pthread_kill(self._thread, signal.SIGINT)
 
     def forget(self) -> None:
         """Forget how the last work ended: there is other news."""
@@ -145,8 +151,8 @@ class Worker:
 
     def _take_stop(self) -> bool:
         with self._lock:
-            asked, self._stops = self._stops, 0
-        return asked > 0
+            asked, self._asked_to_stop = self._asked_to_stop, False
+        return asked
 
     def _finish(self, message: str) -> None:
         with self._lock:
@@ -157,8 +163,9 @@ class Worker:
         self._pace.starts(progress)
         left = self._pace.seconds_left(progress)
         named = _STEP.match(progress.task)
-        step = int(named[1]) if named else self.state.step
-        self.state = dataclasses.replace(
-            self.state, progress=progress, seconds_left=left, step=step
-        )
+        with self._lock:
+            step = int(named[1]) if named else self.state.step
+            self.state = dataclasses.replace(
+                self.state, progress=progress, seconds_left=left, step=step
+            )
         self.notify()
