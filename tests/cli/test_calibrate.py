@@ -93,11 +93,25 @@ def test_touches_with_the_tip_of_another_tool_are_refused(lab, touched, capsys):
 def test_touched_points_may_be_typed_as_the_pendant_shows_them(lab, touched, monkeypatch, capsys):
     lines = {tag_id: "{:.2f} {:.2f} {:.2f}".format(*1e3 * p) for tag_id, p in touched.items()}
     # Tag 0 is typed wrongly first; tag 3 is left out.
-    lines |= {0: "what?\n" + lines[0].replace(" ", ", "), 3: ""}
+    lines |= {0: "what?\nnan nan nan\n" + lines[0].replace(" ", ", "), 3: ""}
     monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines.values()) + "\n"))
     assert main(["calibrate", "table", "--setup", str(lab)]) == 0
-    assert "three numbers, please" in capsys.readouterr().out
+    assert capsys.readouterr().out.count("three numbers, please") == 2
     check_lab(lab)
+
+
+def test_typed_points_that_the_fit_refuses_are_typed_once(lab, touched, monkeypatch, capsys):
+    lines = [f"{1e3 * x:.2f} {1e3 * y:.2f} {1e3 * z + 100:.2f}" for x, y, z in touched.values()]
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines) + "\n"))
+    words = ["calibrate", "table", "--setup", str(lab)]
+    assert main(words) == 2
+    lab.write_text(lab.read_text().replace("base_height: 0.15", "base_height: 0.08"))
+    said = capsys.readouterr().out
+    words += ["--touched", said.rpartition("--touched ")[2].split(" gives")[0]]
+    assert main(words) == 0
+    # The tip was 10 cm above the tags.
+    height = load_setup(lab).arm.base_height
+    assert height == pytest.approx(ARM.base_height - 0.1, abs=PLACE_MAX)
 
 
 def test_nobody_to_type_is_an_error_and_not_a_wait(lab, monkeypatch, capsys):

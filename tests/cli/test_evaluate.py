@@ -4,6 +4,9 @@ import json
 import pytest
 
 from cablecast.cli import main
+from cablecast.cli.evaluate import Evaluate
+from cablecast.cli.options import load_policy
+from cablecast.errors import UnknownNameError
 
 
 @pytest.fixture(scope="module")
@@ -91,3 +94,19 @@ def test_polar_casting_takes_no_model(in_new_folder, capsys):
     arguments = ["evaluate", "--policy", "polar", "--model", "somewhere", "--rig", "engine"]
     assert main(arguments) == 2
     assert "takes no model" in capsys.readouterr().err
+
+
+def test_polar_casting_has_no_method(in_new_folder, capsys):
+    arguments = ["evaluate", "--policy", "polar", "--method", "paper", "--rig", "engine"]
+    assert main(arguments) == 2
+    assert "searches nothing" in capsys.readouterr().err
+
+
+def test_another_simulator_casts_the_model_s_cable(model_folder):
+    verb = Evaluate(rig="engine:warp")
+    policy = load_policy(model_folder, None, None)
+    usual = Evaluate(rig="engine")._rig(policy, model_folder / "out")
+    with verb._rig(policy, model_folder / "out") as named, usual as opened:
+        assert named.description == opened.description
+    with pytest.raises(UnknownNameError, match="odd"):
+        Evaluate(rig="engine:odd")._rig(policy, model_folder / "out")

@@ -92,7 +92,7 @@ def test_a_stored_calibration_takes_the_place_of_the_tags(folder, tmp_path, caps
     assert first == again
 
 
-def test_the_camera_of_a_lab_file_tells_what_no_option_says(film, folder, tmp_path):
+def test_the_camera_of_a_lab_file_tells_what_no_option_says(film, folder, tmp_path, capsys):
     layout = film.camera.layout
     moved = [dataclasses.replace(tag, x=tag.x + 0.03) for tag in layout.tags]
     dataclasses.replace(layout, tags=tuple(moved)).save(tmp_path / "moved.yaml")
@@ -104,6 +104,12 @@ def test_the_camera_of_a_lab_file_tells_what_no_option_says(film, folder, tmp_pa
     assert [row["time_s"] for row in here] == [row["time_s"] for row in there[:3]]
     shifts = [float(a["x_m"]) - float(b["x_m"]) for a, b in zip(here, there, strict=False)]
     np.testing.assert_allclose(shifts, 0.03, atol=1e-3)
+    again = [folder / "trial.mp4", *words, "--start", f"{START:.4f}"]
+    (tmp_path / "lab.yaml").write_text(camera.replace("}", ", rate: 30}"))
+    assert main(["track", *map(str, again)]) == 0
+    assert "already done, nothing changed" in capsys.readouterr().err
+    (tmp_path / "lab.yaml").write_text(camera.replace("}", ", marker_hue: 20}"))
+    assert "camera.marker_hue is" in refused(again, capsys)
 
 
 def test_slow_motion_that_the_phone_names_is_asked_about(folder, tmp_path, capsys):

@@ -1,15 +1,20 @@
 """`cablecast calibrate`: where the robot stands at the table, and the lens of the camera."""
 
+import contextlib
 import dataclasses
+import math
 import pathlib
 import sys
 import typing
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from cablecast.cli.options import argument, picked
 from cablecast.errors import InputError
+
+if TYPE_CHECKING:
+    from cablecast.camera.tags import Point
 
 What = typing.Literal["table", "lens"]
 
@@ -70,8 +75,10 @@ class Calibrate:
                 "Touch the centre of each tag with the tip of the tool, and type what the pendant\n"
                 "shows in the frame Base: x y z in mm. An empty line leaves a tag out."
             )
-            asked = {tag.id: _ask_for_touch(tag.id) for tag in tags_of(setup).tags}
-            touched = {tag_id: point for tag_id, point in asked.items() if point is not None}
+            touched = _ask_for_touches(
+                [tag.id for tag in tags_of(setup).tags],
+                self.setup.with_name(f"{self.setup.stem}-touched.csv"),
+            )
         fit = calibrate_table(self.setup, touched, write=self.write)
         for tag_id, residual in sorted(fit.residuals.items()):
             note = "  lies elsewhere, and was left out" if tag_id in fit.outliers else ""
@@ -111,7 +118,22 @@ class Calibrate:
         print(f"table     +- {fit.edge_sd:.1f} px at the picture's edge")
 
 
-def _ask_for_touch(tag_id: int) -> tuple[float, float, float] | None:
+def _ask_for_touches(tag_ids: list[int], file: pathlib.Path) -> "dict[int, Point]":
+    """Ask for the touched points of tags [m], and keep them in a file as they are typed."""
+    from cablecast.files import write_csv
+
+    touched: "dict[int, Point]" = {}
+    for tag_id in tag_ids:
+        point = _ask_for_touch(tag_id)
+        if point is not None:
+            touched[tag_id] = point
+            write_csv(file, ("tag", "x_m", "y_m", "z_m"), [(i, *own) for i, own in touched.items()])
+    if touched:
+        print(f"The points are kept: --touched {file} gives them again")
+    return touched
+
+
+def _ask_for_touch(tag_id: int) -> "Point | None":
     """Ask the person at the terminal for a touched point [m], until it is one or none."""
     while True:
         print(f"tag {tag_id}, x y z [mm]: ", end="", flush=True)
@@ -121,8 +143,8 @@ def _ask_for_touch(tag_id: int) -> tuple[float, float, float] | None:
         words = line.replace(",", " ").split()
         if not words:
             return None
-        try:
+        with contextlib.suppress(ValueError):
             x, y, z = (float(word) / 1e3 for word in words)
-            return x, y, z
-        except ValueError:
-            print("three numbers, please: x y z in mm")
+            if all(math.isfinite(value) for value in (x, y, z)):
+                return x, y, z
+        print("three numbers, please: x y z in mm")

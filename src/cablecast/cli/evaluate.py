@@ -7,7 +7,6 @@ from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cablecast.cli.options import Device, Method, TimeLimit, argument
-from cablecast.engines import EngineName
 
 if TYPE_CHECKING:
     from cablecast.learning.policy import Policy
@@ -34,11 +33,15 @@ class Evaluate:
     """Policy that plans the motions: the model, or polar casting (a swing straight out and a slow
     pull), which needs no model."""
     method: Method = "refined"
-    rig: Annotated[str, argument("RIG")] = "virtual"
-    """Rig that makes the casts: virtual (a laboratory in software, whose cable differs from the
-    model's), engine (a simulator), or your own robot as package.module:factory."""
-    engine: Annotated[EngineName | None, argument("NAME", "that of the model's casts")] = None
-    """Simulator of --rig engine: warp, mujoco or pybullet."""
+    rig: Annotated[
+        str,
+        argument(
+            "RIG",
+            text="Rig that makes the casts, as of aim: virtual, ur, or your own robot as "
+            "package.module:factory. engine is the simulator of the model's training casts, and "
+            "engine:warp, engine:mujoco or engine:pybullet another one with the same cable.",
+        ),
+    ] = "virtual"
     repeats: int = 1
     """Casts at each target; the paper makes 5."""
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/evaluate-RIG")] = None
@@ -86,23 +89,24 @@ class Evaluate:
                 raise InputError(
                     f"--policy polar takes no model, but --model {self.model} is given"
                 )
+            if self.method != "refined":
+                raise InputError(
+                    f"--policy polar searches nothing, but --method {self.method} is given"
+                )
             return PolarCastingPolicy(setup=load_lab(self.setup, self.cable))
         return load_policy(self.model, self.setup, self.cable)
 
     def _rig(self, policy: "Policy", out: pathlib.Path) -> "AbstractContextManager[CheckedRig]":
         """Return the rig; "engine" is the simulator of the model's training casts."""
         from cablecast.cli.options import open_rig, with_instruments
-        from cablecast.errors import InputError
         from cablecast.learning.policy import ForwardSearchPolicy
         from cablecast.pipeline.evaluate import engine_rig
 
-        if self.rig == "engine" and isinstance(policy, ForwardSearchPolicy):
-            return engine_rig(policy.model, self.device, self.engine)
-        if self.engine is not None and self.rig != "engine":
-            raise InputError(f"--engine {self.engine} is the simulator of --rig engine")
-        spec = f"engine:{self.engine}" if self.engine is not None else self.rig
+        kind, _, name = self.rig.partition(":")
+        if kind == "engine" and isinstance(policy, ForwardSearchPolicy):
+            return engine_rig(policy.model, self.device, name or None)
         setup = with_instruments(policy.setup, self.setup)
-        return open_rig(spec, setup, self.seed, out, self.time_limit)
+        return open_rig(self.rig, setup, self.seed, out, self.time_limit)
 
 
 def print_table(metrics: dict[str, Any], published: Any) -> None:

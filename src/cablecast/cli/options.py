@@ -199,9 +199,11 @@ def check_same_setup(
 
 def with_instruments(setup: "Setup", lab_file: pathlib.Path | None) -> "Setup":
     """Return the set-up of a model with the robot and the camera of a lab file, if there is one."""
+    from cablecast.setup import load_setup
+
     if lab_file is None:
         return setup
-    lab = load_lab(lab_file, None)
+    lab = load_setup(lab_file, setup.cable)
     arm = dataclasses.replace(setup.arm, measured=lab.arm.measured)
     return dataclasses.replace(setup, arm=arm, robot=lab.robot, camera=lab.camera)
 

@@ -200,7 +200,7 @@ def prepare_aim(
     learning = _Learning(rig.setup, config, simulators, folder)
     session_folder = None if folder is None else folder / SESSION_FOLDER
     store = CastStore(rig.setup, session_folder, config.within_pct)
-    if casts is not None:
+    if casts is not None and fit_all:
         store.add_dataset(casts)
     model = _later_model(learning, store, fit_all, progress)
     if folder is not None and casts is None and tuned is None and _began_otherwise(folder):

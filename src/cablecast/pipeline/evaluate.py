@@ -7,7 +7,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from cablecast.data.record import REPEAT_MAX
-from cablecast.engines import EngineName, engine_name, make_engine
+from cablecast.engines import engine_name, make_engine
 from cablecast.errors import InputError, check_count, says_what_it_takes
 from cablecast.evaluation.evaluate import (
     Evaluation,
@@ -128,9 +128,7 @@ def check_evaluate(
         engine_rig(policy.model, device).close()
 
 
-def engine_rig(
-    model: LandingModel, device: str = "cpu", engine: EngineName | None = None
-) -> CheckedRig:
+def engine_rig(model: LandingModel, device: str = "cpu", engine: str | None = None) -> CheckedRig:
     """Return the simulator of a model's training casts as a rig, or another engine of its cable."""
     settings = model.settings
     if not settings.is_simulated:

@@ -47,6 +47,19 @@ _CAMERA = CameraSettings(source="film")
 
 _PLAIN = ("view_deg", "begin", "start", "end", "rate", "marker", "marker_hue", "marker_z")
 """Settings of a run that are no files."""
+_OF_THE_CAMERA = (
+    "width",
+    "height",
+    "row_time",
+    "view_deg",
+    "lens",
+    "tags",
+    "tag_family",
+    "end_tag",
+    "marker",
+    "marker_hue",
+)
+"""Settings of the lab file's camera that a track depends on."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -155,8 +168,10 @@ def track_video(
         raise InputError(f"there is no video {video}")
     if config.board is not None and not config.board.is_dir():
         raise InputError(f"board folder {config.board}: there is no such folder")
+    camera = (setup.camera or _CAMERA).to_dict()
     settings = {
         **setup.to_settings(),
+        "camera": {name: camera[name] for name in _OF_THE_CAMERA if name in camera},
         "video": str(video),
         "video_sha256": _digest(video),
         "calibration_sha256": _digest(config.calibration),
