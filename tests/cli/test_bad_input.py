@@ -4,6 +4,7 @@ import dataclasses
 import pathlib
 import sys
 
+import numpy as np
 import pytest
 import yaml
 
@@ -11,6 +12,7 @@ from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
 from cablecast.cli import main
 from cablecast.cli.options import load_lab
+from cablecast.pipeline.check import LabCheck
 from cablecast.setup import Setup, load_setup, save_setup
 
 HUGE = ("1000000000", "1000000000000000", "10000000000000000000000")
@@ -225,6 +227,22 @@ def test_what_the_last_step_cannot_do_is_refused_before_the_first(verb, table, w
     assert words in refused([*verb.split(), *lab.rig, "--setup", "lab.yaml"], capsys)
     assert lab.events == []
     assert not (lab.path / "runs").exists()
+
+
+def test_a_target_that_no_believed_cable_reaches_is_a_miss_and_no_error(lab, capsys, monkeypatch):
+    nowhere = np.zeros((6, 1, 2))
+    found = LabCheck(setup=Setup(), landing_xy=nowhere, leaving_xy=nowhere)
+    monkeypatch.setattr("cablecast.pipeline.check.check", lambda *_, **__: found)
+    assert main(["aim", "--target", "1.05", "10", *lab.rig]) == 3
+    printed = capsys.readouterr().out
+    assert "not cast at: " in printed
+    assert "no target is within reach. No change that was tried helps" in printed
+    assert lab.events == []
+
+
+def test_casts_that_a_mode_does_not_use_are_refused(lab, capsys):
+    line = refused(["train", "--mode", "real", "--dataset", "somewhere"], capsys)
+    assert "--mode real uses no simulated casts, but --dataset somewhere was given" in line
 
 
 def test_simulated_casts_are_not_taken_for_real_ones(lab, capsys, dataset_folder):

@@ -15,6 +15,7 @@ from cablecast.evaluation.repeatability import (
     save_actions,
 )
 from cablecast.motion.feasibility import check_actions
+from cablecast.pipeline.repeat import check_repeat
 from cablecast.rigs.base import RigLifecycle
 from cablecast.setup import Setup
 
@@ -152,6 +153,12 @@ def test_repeated_actions_are_those_of_the_paper_s_grid_that_the_arm_can_make():
     few = repeat_actions(setup, with_psi=True, action_count=7)
     assert len(few) == 7
     assert {tuple(action) for action in few} <= {tuple(action) for action in turned}
+
+
+def test_given_actions_are_not_counted():
+    options = {"repeats": 2, "actions": np.zeros((3, 4)), "seed": 0}
+    with pytest.raises(InputError, match="action_count is the number of chosen ones"):
+        check_repeat(combinations=["1.2"], action_count=2, **options)
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,13 @@ def test_a_session_of_aim_is_shown_with_its_tries(open_desk, policy, tmp_path):
     assert found.setup == desk.setup
 
 
+def test_an_evaluation_is_simulated_with_what_tune_found_beside_it(own, policy, tmp_path):
+    evaluate_policy(tmp_path / "evaluate-own" / CASTS_FOLDER, policy, own, TARGETS)
+    params = dataclasses.replace(Setup().cable.params, mass=0.077)
+    write_tuning(tmp_path / "tune", params, "")
+    assert open_collection(tmp_path / "evaluate-own").fitted.params.mass == 0.077
+
+
 def write_tuning(folder, params, fingerprint):
     values = {"cable": Setup().cable.name, "params": params.to_dict()}
     write_params(folder / PARAMS_FILE, values)

@@ -30,8 +30,8 @@ class AimConfig:
     or first tries land farther off than was stated. Takes a minute; --no-refit keeps the model."""
     calibration_count: int = 5
     """Casts that the rig makes before the first target; twice as many where the simulator follows
-    them badly, unless --no-refit is given. With 0 it aims at once with the believed
-    cable, and the simulator is fitted to the first casts."""
+    them badly and is to be fitted anew. With 0 it aims at once with the believed cable, and the
+    simulator is fitted to the first casts."""
     simulated_count: int = 8_000
     """Number of simulated casts that the model learns from."""
     epochs: int = 60

@@ -62,7 +62,8 @@ class Aim(AimConfig, _Targets):
     where it landed and what changes. Once there are many more casts than the simulator was fitted
     to, it is fitted to all of them before the next target. Every cast is kept in --out: give
     further targets with the same command. An interrupted one goes on where it stopped. It ends with
-    a report of the tries. The exit status is 3 if a target was missed by all tries.
+    a report of the tries. The exit status is 3 if a target was not hit: missed by all tries, given
+    up, or not cast at.
     """
 
     rig: RigName = "virtual"
@@ -118,6 +119,8 @@ class Aim(AimConfig, _Targets):
         # What is fitted to casts tells more than what is believed of the cable.
         known_fit = self.params is not None or (out / SESSION_FOLDER).exists()
         targets, outside = _within_reach(setup, targets, anyway=config.anyway or known_fit)
+        if not len(targets):
+            return EXIT_MISSED
         casts = None if self.casts is None else read_dataset(self.casts)
         tuned = None if self.params is None else load_tuned(self.params, setup)
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
@@ -207,7 +210,7 @@ def _within_reach(
     if all(beyond):
         with console_progress() as progress:
             changes = check(setup, progress=progress).changes
-        raise InputError(f"no target is within reach. {remedy(changes)}")
+        print(f"no target is within reach. {remedy(changes)}")
     return targets[[not is_beyond for is_beyond in beyond]], lines
 
 

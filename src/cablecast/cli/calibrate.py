@@ -122,7 +122,7 @@ def _ask_for_touches(tag_ids: list[int], file: pathlib.Path) -> "dict[int, Point
     """Ask for the touched points of tags [m], and keep them in a file as they are typed."""
     from cablecast.files import write_csv
 
-    touched: "dict[int, Point]" = {}
+    touched: dict[int, Point] = {}
     for tag_id in tag_ids:
         point = _ask_for_touch(tag_id)
         if point is not None:

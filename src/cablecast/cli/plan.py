@@ -33,8 +33,8 @@ class PlanVerb(TargetOptions):
     miss_max: Annotated[float, argument("PCT")] = 25.0
     """Largest predicted miss in % of cable length that still gives exit status 0."""
     save: Annotated[pathlib.Path | None, argument("FILE", "not saved")] = None
-    """Write the motion as CSV for a robot with the arm of --setup: time t [s], joint angles q1 to
-    q6 [rad] and joint speeds qd1 to qd6 [rad/s], 125 rows a second."""
+    """Write the motion as CSV for a robot with the arm of --setup: time t [s], joint angles q1, q2
+    ... [rad] and joint speeds qd1, qd2 ... [rad/s], a row each control_dt."""
     force: bool = False
     """Overwrite the file of --save if it exists."""
 

@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from typing import Annotated
 
-from cablecast.cli.options import Device, Engine, LabFile, RigName, Workers, argument
+from cablecast.cli.options import Device, Engine, RigName, Workers, argument
 
 EXIT_OTHER_ORDER = 3
 
@@ -23,7 +23,8 @@ class Reproduce:
 
     quick: bool = False
     """One cable, and less of everything."""
-    setup: LabFile = None
+    setup: Annotated[pathlib.Path | None, argument("FILE", "the paper's set-up")] = None
+    """Lab file that describes table, arm and motion; the cables are the paper's."""
     out: Annotated[
         pathlib.Path | None, argument("DIR", "runs/reproduce, runs/reproduce-quick ...")
     ] = None

@@ -90,6 +90,10 @@ class Train:
         mode = self.mode or ("both" if self.real else "sim")
         if mode == "sim" and self.real:
             raise InputError(f"--mode sim uses no real casts, but --real {self.real} was given")
+        if mode == "real" and self.dataset:
+            raise InputError(
+                f"--mode real uses no simulated casts, but --dataset {self.dataset} was given"
+            )
         if mode != "both" and self.start:
             raise InputError(f"--mode {mode} takes no --start, but {self.start} was given")
         return mode

@@ -46,7 +46,7 @@ def plan_motion(
 def save_motion(
     plan: Plan, path: str | os.PathLike[str], setup: Setup, *, force: bool = False
 ) -> None:
-    """Write the motion for one target as CSV for a robot: t [s], q1..q6 [rad], qd1..qd6 [rad/s].
+    """Write the motion for one target as CSV for a robot: t [s], q1 ... [rad], qd1 ... [rad/s].
 
     The header states the arm's geometry that the joint angles hold for. A person must have measured
     the arm of the set-up, and its geometry must be that of the plan: with another gripper the same

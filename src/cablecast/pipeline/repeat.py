@@ -171,6 +171,8 @@ def check_repeat(
     if action_count is not None:
         check_count("action_count", action_count, high=ACTION_COUNT_MAX)
     if actions is not None:
+        if action_count is not None:
+            raise InputError("actions are given: action_count is the number of chosen ones")
         speeds = [COMBINATIONS[name][0] for name in dict.fromkeys(combinations)]
         if len(set(speeds)) < len(speeds):
             raise InputError("actions say themselves whether the wrist turns: name each speed once")

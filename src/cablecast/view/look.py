@@ -259,7 +259,7 @@ def open_collection(folder: str | os.PathLike[str]) -> Collection:
     path = pathlib.Path(folder)
     for place in (path, path / CASTS_FOLDER):
         if (place / INFO_PATH).exists():
-            return _of_dataset(place)
+            return _of_dataset(place, path)
     if (run := RunFolder.read(path / SESSION_FOLDER)) is not None:
         return _of_session(path, run)
     if (path / PARAMS_FILE).exists():
@@ -270,7 +270,8 @@ def open_collection(folder: str | os.PathLike[str]) -> Collection:
     )
 
 
-def _of_dataset(path: pathlib.Path) -> Collection:
+def _of_dataset(path: pathlib.Path, named: pathlib.Path) -> Collection:
+    """Return the casts of a dataset in the folder that a person named, or the same."""
     dataset = read_dataset(path)
     count, targets = len(dataset), np.full((len(dataset), 2), np.nan)
     aimed = dataset.settings.values.get("targets")
@@ -278,7 +279,7 @@ def _of_dataset(path: pathlib.Path) -> Collection:
         # Repeats of a target are consecutive.
         repeats = max(1, count // len(aimed))
         targets = np.array(aimed, dtype=float)[np.arange(count) // repeats]
-    return _collection(dataset.setup, dataset, path, targets, [0] * count)
+    return _collection(dataset.setup, dataset, named, targets, [0] * count)
 
 
 def _of_session(path: pathlib.Path, run: RunFolder) -> Collection:
@@ -294,7 +295,7 @@ def _of_tuning(path: pathlib.Path) -> Collection:
     fingerprint = (Parts(path).get("metrics") or {}).get("dataset_fingerprint", "")
     for place in sorted(path.resolve().parent.iterdir()):
         if (place / INFO_PATH).exists() and read_info(place).get("fingerprint") == fingerprint:
-            found = _of_dataset(place)
+            found = _of_dataset(place, place)
             return dataclasses.replace(found, tuned=load_tuned(path, found.setup).dynamics)
     raise DatasetError(
         f"{path} was fitted to casts that do not lie beside it: open the folder of the casts"
