@@ -97,7 +97,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
 
 QUOTED: dict[str, tuple[str, float]] = {
     "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 99", 1.0),
-    "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 99", 1.2),
+    "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 201", 2.4),
     "scatter-5": ("scatter --rig virtual --calibration 10 --targets 6 --repeats 5", 0.2),
     "other-physics": (
         "casts --rigs strange patchy example --counts 10 --methods aim --cables cable_1 "
