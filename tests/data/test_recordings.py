@@ -282,6 +282,34 @@ def test_a_cast_with_a_gap_in_its_motion_is_left_out_and_named(tmp_path):
     assert "the cast is left out" in lines[0]
 
 
+def test_a_heading_that_is_seen_less_often_than_the_grip_is_that_of_the_looks_beside_it(
+    casts, tmp_path
+):
+    rows = table_of(casts, "grip")
+    whole = read_recordings(write_table(rows, tmp_path / "whole.csv"), SETUP)
+    for tick, row in enumerate(row for row in rows if "grip_x_m" in row):
+        for name in ("grip_yaw_rad", "grip_z_m"):
+            if tick % 4:
+                del row[name]
+    some = read_recordings(write_table(rows, tmp_path / "some.csv"), SETUP)
+    for one, other in zip(whole, some, strict=True):
+        np.testing.assert_array_equal(one.grip[0], other.grip[0])
+        np.testing.assert_allclose(one.grip[1], other.grip[1], atol=0.02)
+        assert np.ptp(other.grip[1][:, 3]) > 0.5
+
+
+@pytest.mark.parametrize("hidden", [("grip_x_m", "grip_y_m"), ("grip_yaw_rad",)])
+def test_a_grip_that_moved_unseen_is_left_out_and_named(casts, hidden, tmp_path):
+    rows, lines = table_of(casts, "grip"), []
+    for row in rows:
+        if row["cast"] == "take 0" and 0.3 < row["time_s"] < 0.9:
+            for name in hidden:
+                row.pop(name, None)
+    kept = read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP, lines.append)
+    assert [cast.name for cast in kept] == ["take 1", "take 2"]
+    assert "'take 0': the grip moved unseen for 0.6" in lines[0]
+
+
 def test_a_time_without_an_end_does_not_hide_what_follows(tmp_path):
     rows = rows_with(lambda t: 0.2)
     rows[3]["time_s"] = 1e5

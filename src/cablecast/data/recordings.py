@@ -32,7 +32,8 @@ CAST_COLUMN, TIME_COLUMN = "cast", "time_s"
 TRACK_COLUMNS = ("x_m", "y_m")
 _JOINT = re.compile(r"q\d+_rad")
 GRIP_COLUMNS = ("grip_x_m", "grip_y_m")
-GRIP_OPTIONS = ("grip_z_m", "grip_yaw_rad")
+_YAW = "grip_yaw_rad"
+GRIP_OPTIONS = ("grip_z_m", _YAW)
 ACTION_COLUMNS = ("theta1_rad", "theta2_rad", "r2_m", "psi_rad")
 _LIKE_OURS = ("grip_", "theta1", "theta2", "r2", "psi")
 """Beginnings of names that only a slip keeps from being known columns."""
@@ -47,9 +48,9 @@ _SAMPLES_MIN = 4
 _TIME_MAX, _DISTANCE_MAX = 1e7, 100.0
 # A joint that leaves its neighbours in time by more is a spike [rad]: in 34 ms one turns 0.1 rad.
 _SPIKE = 0.3
-# A joint may turn unseen for as long [s]: logs have steps of up to 34 ms.
+# Joints and grip may move unseen for as long [s]: logs have steps of up to 34 ms.
 _GAP_MAX = 0.25
-# Joints that differ by less have not moved [rad].
+# Joints that differ by less have not moved [rad], nor has a grip [m].
 _STILL = 0.01
 _UNSOUND_MAX = 0.2
 # Cables stretch, and markers are seen a little off [m].
@@ -303,7 +304,7 @@ def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -
     if times[looks][-1] <= last_seen + _REST_TIME:
         looks &= times <= last_seen
     joint_path = _joint_path(where, columns, joints, motion.get(joints))
-    grip = _grip(columns, motion.get(GRIP_COLUMNS), setup.workspace)
+    grip = _grip(where, columns, motion.get(GRIP_COLUMNS), setup.workspace)
     try:
         action = _action(columns)
     except InputError as error:
@@ -367,30 +368,50 @@ def _joint_path(
     times, q = columns[TIME_COLUMN][known], np.stack([columns[n][known] for n in names], axis=-1)
     if len(q) == 1:
         return JointPath(times=times, q=q, qd=np.zeros_like(q))
-    moves = np.abs(np.diff(q, axis=0)).max(axis=1) > _STILL
-    gaps = np.where(moves, np.diff(times), 0.0)
-    if gaps.max() > _GAP_MAX:
-        at = int(np.argmax(gaps))
-        raise InputError(
-            f"{where}: the joints moved unseen for {gaps[at]:.2f} s from {times[at]:g} s on, more "
-            f"than {_GAP_MAX:g} s"
-        )
+    _check_gaps(f"{where}: the joints moved", times, q)
     return JointPath(times=times, q=q, qd=np.gradient(q, times, axis=0))
 
 
+def _check_gaps(what: str, times: Array, values: Array) -> None:
+    """Refuse a motion [rad or m], shape [tick, axis], that was not seen for too long.
+
+    Raises:
+        InputError: It was not.
+    """
+    moves = np.abs(np.diff(values, axis=0)).max(axis=1) > _STILL
+    gaps = np.where(moves, np.diff(times), 0.0)
+    if gaps.max(initial=0.0) > _GAP_MAX:
+        at = int(np.argmax(gaps))
+        raise InputError(
+            f"{what} unseen for {gaps[at]:.2f} s from {times[at]:g} s on, more than {_GAP_MAX:g} s"
+        )
+
+
 def _grip(
-    columns: dict[str, Array], known: NDArray[np.bool_] | None, workspace: Workspace
+    where: str, columns: dict[str, Array], known: NDArray[np.bool_] | None, workspace: Workspace
 ) -> tuple[Array, Array] | None:
-    """Return times and poses of the grip; a height or yaw that is missing is that of the reset."""
+    """Return times and poses of the grip; a height or yaw without a sample is that of the reset.
+
+    Raises:
+        InputError: It moved unseen for too long.
+    """
     if known is None or not np.any(known):
         return None
-    poses = np.zeros((np.count_nonzero(known), 5))
+    times = columns[TIME_COLUMN][known]
+    poses = np.zeros((len(times), 5))
     poses[:, 2] = workspace.grip_height
     for column, name in enumerate((*GRIP_COLUMNS, *GRIP_OPTIONS)):
-        if name in columns:
-            values = columns[name][known]
-            poses[:, column] = np.where(np.isfinite(values), values, poses[:, column])
-    return columns[TIME_COLUMN][known], poses
+        values = columns[name][known] if name in columns else np.empty(0)
+        seen = np.isfinite(values)
+        if not np.any(seen):
+            continue
+        at, values = times[seen], values[seen]
+        if name == _YAW:
+            values = np.unwrap(values)
+        _check_gaps(f"{where}: the grip moved", at, values[:, None])
+        # Yaw and height may have a rate of their own.
+        poses[:, column] = np.interp(times, at, values)
+    return times, poses
 
 
 def _action(columns: dict[str, Array]) -> Array:
