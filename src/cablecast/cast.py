@@ -341,6 +341,8 @@ class Cast:
         proposal: What was proposed and expected; None for a cast that was not aimed in its session.
         origin: Fingerprint of the dataset and the row that it came from; empty where it was made in
             its session.
+        grip: Times [s], shape [sample], and poses x, y, z [m], yaw and pitch [rad] of the tracked
+            grip, shape [sample, 5]; None where it was not tracked.
     """
 
     action: NDArray[np.float64]
@@ -350,6 +352,7 @@ class Cast:
     purpose: str
     proposal: Proposal | None = None
     origin: str = ""
+    grip: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     @classmethod
     def of_motion(

@@ -7,6 +7,7 @@ from cablecast.cast import TrialStatus
 from cablecast.cli import main
 from cablecast.data.dataset import read_dataset
 from cablecast.data.mocap import MocapFrame, MocapNames, Take
+from cablecast.data.store import CastStore
 from cablecast.errors import InputError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
@@ -151,6 +152,12 @@ def test_takes_become_casts_that_tuning_reads(system, tmp_path):
     shifts = np.arange(-0.2, 0.2, 1e-3)
     misses = [np.abs(found[:, :4] - path.evaluate(ticks + s)[0][:, :4]).max() for s in shifts]
     assert min(misses) < 5 * FIT
+    # A session keeps the tracked grip: no action says how these casts moved.
+    CastStore(SETUP, tmp_path / "session").add_dataset(casts)
+    stored = MeasuredTracks.from_dataset(CastStore(SETUP, tmp_path / "session").dataset())
+    np.testing.assert_array_equal(
+        stored.grip_path.evaluate(ticks), tracks.grip_path.evaluate(ticks)
+    )
 
 
 def test_the_command_imports_a_take(tmp_path, capsys):

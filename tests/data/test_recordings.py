@@ -293,9 +293,9 @@ def test_a_heading_that_is_seen_less_often_than_the_grip_is_that_of_the_looks_be
                 del row[name]
     some = read_recordings(write_table(rows, tmp_path / "some.csv"), SETUP)
     for one, other in zip(whole, some, strict=True):
-        np.testing.assert_array_equal(one.grip[0], other.grip[0])
-        np.testing.assert_allclose(one.grip[1], other.grip[1], atol=0.02)
-        assert np.ptp(other.grip[1][:, 3]) > 0.5
+        np.testing.assert_array_equal(one.cast.grip[0], other.cast.grip[0])
+        np.testing.assert_allclose(one.cast.grip[1], other.cast.grip[1], atol=0.02)
+        assert np.ptp(other.cast.grip[1][:, 3]) > 0.5
 
 
 @pytest.mark.parametrize("hidden", [("grip_x_m", "grip_y_m"), ("grip_yaw_rad",)])

@@ -58,15 +58,10 @@ _REACH_SLACK = 0.05
 
 
 class Recording(NamedTuple):
-    """One recorded cast, by its name in the table.
-
-    The reported joints are those of its track. The tracked grip, None where the table has none, has
-    times [s], shape [tick], and poses: x, y, z [m], yaw and pitch [rad], shape [tick, 5].
-    """
+    """One recorded cast, by its name in the table; the reported joints are those of its track."""
 
     name: str
     cast: Cast
-    grip: tuple[Array, Array] | None
 
 
 def read_recordings(
@@ -329,8 +324,9 @@ def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -
         joint_path=None,
         track=track,
         purpose="tune",
+        grip=grip,
     )
-    return Recording(name, cast, grip)
+    return Recording(name, cast)
 
 
 def _check_reach(

@@ -42,10 +42,13 @@ def cast_row(cast: Cast) -> dict[str, Any]:
     """Return a cast as a row of a dataset: a value for each column of motion and track."""
     track = cast.track
     commanded, actual, log = cast.joint_path, track.joint_path, track.controller_log
-    reported = {}
+    reported: dict[str, Any] = {}
     if log is not None:
         lists = (log.times, log.target_q.ravel(), log.speed_scaling, log.safety_bits)
         reported = dict(zip(CONTROLLER_COLUMNS, lists, strict=True))
+    if cast.grip is not None:
+        times, poses = cast.grip
+        reported |= {"grip_times": times, "grip_pose": poses.ravel()}
     return {
         **dict(zip(ACTION_COLUMNS, cast.action, strict=True)),
         **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
@@ -77,6 +80,7 @@ def dataset_cast(casts: Dataset, row: int) -> Cast:
         track=casts.track(row),
         purpose=casts.kind,
         origin=f"{casts.fingerprint}/{row}",
+        grip=casts.measured_poses(row),
     )
 
 

@@ -54,7 +54,8 @@ def import_casts(
         with writer:
             if not writer.was_complete:
                 rows = [_row(number, one, rig) for number, one in enumerate(recordings)]
-                writer.write_shard(0, {name: [row[name] for row in rows] for name in rows[0]})
+                names = dict.fromkeys(name for row in rows for name in row)
+                writer.write_shard(0, {name: [row.get(name) for row in rows] for name in names})
                 writer.finish()
         dataset = read_dataset(folder)
         if out is not None:
@@ -63,13 +64,10 @@ def import_casts(
 
 
 def _row(number: int, recording: Recording, rig: dict[str, Any]) -> dict[str, Any]:
-    grip_times, grip_poses = recording.grip or (None, None)
     return {
         "index": number,
         **cast_row(recording.cast),
         "repeat": 0,
-        "grip_times": grip_times,
-        "grip_pose": None if grip_poses is None else grip_poses.ravel(),
         "attempt": 0,
         "rig": json.dumps({**rig, "cast": recording.name}, sort_keys=True, ensure_ascii=False),
     }
