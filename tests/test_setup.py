@@ -297,6 +297,22 @@ def test_what_the_file_does_not_say_follows_from_arm_table_and_cable():
     assert (stated.workspace.r_max, stated.workspace.reset_y) == (1.0, pytest.approx(0.63))
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"arm": {"model": "ur10"}, "workspace": {"reset_y": 1.0, "table_depth": 2.0}},
+        {"workspace": {"r_max": 0.5}},
+        {"arm": {"model": "ur10"}, "workspace": {"support_depth": 0.65, "table_depth": 2.0}},
+    ],
+    ids=["reset_y", "r_max", "support_depth"],
+)
+def test_one_value_of_the_workspace_is_held_against_what_follows_from_it(values):
+    made = Setup.from_dict(values).workspace
+    for name, value in values["workspace"].items():
+        assert getattr(made, name) == value
+    assert made.support_depth <= made.reset_y <= made.r_max
+
+
 def test_whole_numbers_and_those_of_numpy_are_the_same_settings(tmp_path):
     plain = Setup.from_dict({"workspace": {"table_width": 2.0}, "arm": {"base_yaw_deg": 0.0}})
     whole = Setup.from_dict({"workspace": {"table_width": 2}, "arm": {"base_yaw_deg": 0}})

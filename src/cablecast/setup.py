@@ -242,12 +242,16 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
         InputError: A key is unknown, a value out of bounds, or the arm holds its gripper down
             nowhere.
     """
-    known = Workspace.from_dict(given)
+    # What follows from the rest is out of the way of what is given.
+    farthest = R_MAX_BOUNDS[1]
+    out_of_the_way = {"r_max": farthest, "reset_y": given.get("r_max", farthest)}
+    known = Workspace.from_dict({**out_of_the_way, **given})
     values = dict(given)
     if "grip_height" not in values:
         values["grip_height"] = max(known.grip_height, cable.radius + _GRIP_CLEARANCE)
     if "r_max" not in values:
-        pose = np.array([0.0, known.reset_y, values["grip_height"], 0.0, 0.0])
+        reset_y = given.get("reset_y", Workspace.reset_y)
+        pose = np.array([0.0, reset_y, values["grip_height"], 0.0, 0.0])
         try:
             reach = float(arm.inverse_motion(pose, 0.0 * pose, 0.0 * pose).radius_max)
         except IKError as error:

@@ -79,9 +79,8 @@ def episodes_of(dataset: Dataset, fps: int, *, with_films: bool = False) -> list
     """Return the episode of each cast.
 
     The track is sampled every 1/fps: interpolated between the samples of the rig, and kept where
-    the endpoint was not seen. An episode starts with the track or, without films, as many whole
-    frames earlier as the motion does: films start with the track. The state is the reported
-    joints, or the commanded ones where none were reported; the action is the commanded set point of
+    the endpoint was not seen. An episode starts with the track, or as many whole frames earlier as
+    the motion does; with films it starts at time 0, as they do. The state is the reported joints, or the commanded ones where none were reported; the action is the commanded set point of
     the next frame, or the reported one where there is none. Joints keep still after the motion.
 
     Raises:
@@ -98,11 +97,11 @@ def episodes_of(dataset: Dataset, fps: int, *, with_films: bool = False) -> list
                 f"{dataset.path or 'the dataset'} holds no joints of trial {row}: a LeRobot "
                 "episode needs them"
             )
-        early = 0.0 if with_films else max(track.times[0] - target.times[0], 0.0)
-        lead = int(np.floor(early * fps + 1e-6))
-        count = lead + int(np.floor((track.times[-1] - track.times[0]) * fps + 1e-6)) + 1
+        early = max(track.times[0] - target.times[0], 0.0)
+        start = 0.0 if with_films else track.times[0] - np.floor(early * fps + 1e-6) / fps
+        count = int(np.floor((track.times[-1] - start) * fps + 1e-6)) + 1
         timestamps = np.arange(count) / fps
-        times = track.times[0] + (np.arange(count) - lead) / fps
+        times = start + timestamps
         endpoint, seen = _resampled(track.times, track.endpoint_xy, times)
         done = np.arange(count) == count - 1
         columns = {
