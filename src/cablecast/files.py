@@ -209,6 +209,9 @@ def read_json(path: str | pathlib.Path) -> dict[str, Any]:
     return values
 
 
+_TEMPORARY = re.compile(r"\..+\.(\d+)-.*\.tmp")
+
+
 def temporary_prefix(path: pathlib.Path) -> str:
     """Return the prefix of a file's temporary names, which holds the number of the process."""
     return f".{path.name}.{os.getpid()}-"
@@ -217,12 +220,18 @@ def temporary_prefix(path: pathlib.Path) -> str:
 def remove_leftovers(path: pathlib.Path) -> None:
     """Remove what processes that were killed left of a file or folder, under temporary names."""
     for left in path.parent.glob(f".{glob.escape(path.name)}.*-*.tmp"):
-        process = left.name.removeprefix(f".{path.name}.").partition("-")[0]
-        if process.isdecimal() and not _is_alive(int(process)):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
-            else:
-                left.unlink(missing_ok=True)
+        if not is_leftover(left):
+            continue
+        if left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
+        else:
+            left.unlink(missing_ok=True)
+
+
+def is_leftover(path: pathlib.Path) -> bool:
+    """Return whether a file or folder has a temporary name of a process that is gone."""
+    named = _TEMPORARY.fullmatch(path.name)
+    return named is not None and not _is_alive(int(named[1]))
 
 
 def _is_alive(process: int) -> bool:

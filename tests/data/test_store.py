@@ -89,5 +89,13 @@ def test_what_was_taken_back_is_known_again(casts, tmp_path):
     assert again.undone == {1}
     assert len(again.dataset()) == len(again) - 1
     (tmp_path / "undone.json").write_text('{"undone": []}')
-    with pytest.raises(DamagedFileError, match=r"undone\.json"):
+    with pytest.raises(DamagedFileError, match=r"undone\.json .* Restore it, or delete it"):
         CastStore(SETUP, tmp_path)
+
+
+def test_what_two_took_back_is_taken_back(casts, tmp_path):
+    CastStore(SETUP, tmp_path).add_dataset(casts)
+    one, other = CastStore(SETUP, tmp_path), CastStore(SETUP, tmp_path)
+    one.undo(0)
+    other.undo(2)
+    assert CastStore(SETUP, tmp_path).undone == other.undone == {0, 2}

@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 
@@ -106,9 +107,31 @@ def test_another_process_is_kept_out_of_a_folder_while_a_run_is_in_it(tmp_path):
 def test_an_export_that_was_killed_does_not_stop_runs_around_it(tmp_path):
     left = tmp_path / "run" / ".casts-lerobot.12-x.tmp"
     left.mkdir(parents=True)
-    (tmp_path / "run" / ".metrics.json.tmp").write_text("{")
+    child = os.fork()
+    if child == 0:
+        os._exit(0)
+    os.waitpid(child, 0)
+    (tmp_path / "run" / f".metrics.json.{child}-x.tmp").write_text("{")
     with hold_folder(tmp_path / "run", InputError):
         assert [file.name for file in (tmp_path / "run").iterdir()] == [left.name]
+
+
+def test_what_another_process_writes_and_hidden_files_of_a_person_stay(tmp_path):
+    alive = tmp_path / f".metrics.json.{os.getppid()}-x.tmp"
+    for file in (alive, tmp_path / ".mine.tmp"):
+        file.write_text("{")
+    with hold_folder(tmp_path, InputError):
+        assert {file.name for file in tmp_path.iterdir()} == {alive.name, ".mine.tmp"}
+
+
+def test_a_run_of_other_settings_that_began_meanwhile_is_not_overwritten(tmp_path):
+    late = RunFolder.open(tmp_path, "train", SETTINGS | {"seed": 1})
+    first = begun(tmp_path, metrics={"error": 1.0})
+    with pytest.raises(InputError, match="seed is"), late.locked():
+        pass
+    assert RunFolder.read(tmp_path) == first
+    with late.locked(replaces=True):
+        assert RunFolder.read(tmp_path) == late
 
 
 def test_a_folder_of_someone_else_is_left_alone(tmp_path):

@@ -80,8 +80,9 @@ def episodes_of(dataset: Dataset, fps: int, *, with_films: bool = False) -> list
 
     The track is sampled every 1/fps: interpolated between the samples of the rig, and kept where
     the endpoint was not seen. An episode starts with the track, or as many whole frames earlier as
-    the motion does; with films it starts at time 0, as they do. The state is the reported joints, or the commanded ones where none were reported; the action is the commanded set point of
-    the next frame, or the reported one where there is none. Joints keep still after the motion.
+    the motion does; with films it starts at time 0, as they do. The state is the reported joints,
+    or the commanded ones where none were reported; the action is the commanded set point of the
+    next frame, or the reported one where there is none. Joints keep still after the motion.
 
     Raises:
         DatasetError: A cast has no track or no joints.

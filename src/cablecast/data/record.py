@@ -30,7 +30,7 @@ from cablecast.errors import (
     check_count,
     check_seed,
 )
-from cablecast.files import core_count
+from cablecast.files import core_count, temporary_prefix
 from cablecast.motion.action import Action, ActionRanges, check_action_values
 from cablecast.motion.feasibility import feasible_grid, feasible_ranges, feasible_uniform
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
@@ -51,7 +51,6 @@ REPEAT_MAX = 100_000
 
 # More than a row of a long trial takes: 5 s of six joints at 500 Hz are 140 kB.
 _ROW_BYTES_MAX = 2**20
-_RESERVE_NAME = ".reserve.tmp"
 
 # Casts per core that a rig makes at once: cores that wait for the last cast of a batch, against
 # what a kill can lose. Batches of 2 per core take a quarter more processor time.
@@ -253,7 +252,7 @@ def _consecutive(indices: Sequence[int], size: int) -> Iterator[list[int]]:
 @contextlib.contextmanager
 def _reserved_space(folder: pathlib.Path, size: int) -> Iterator[Callable[[], None]]:
     """Reserve disk space [byte], and yield the function that releases it."""
-    file = folder / _RESERVE_NAME
+    file = folder / f"{temporary_prefix(folder / 'reserve')}.tmp"
 
     def release() -> None:
         file.unlink(missing_ok=True)

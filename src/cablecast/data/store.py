@@ -4,7 +4,6 @@ A dataset has a number of rows that is known before its first cast. A store grow
 soon as it is done. Its files are shards of one row in the schema of datasets.
 """
 
-import contextlib
 import dataclasses
 import json
 import os
@@ -134,8 +133,7 @@ class CastStore:
             raise DamagedFileError(
                 f"{self._file(len(self))} is missing, but {later[0]} is there. {_REMEDY}"
             )
-        with contextlib.suppress(FileNotFoundError):
-            self.undone = frozenset(read_sealed(self._run.path / UNDONE_FILE)["undone"])
+        self.undone = self._read_undone()
 
     def __len__(self) -> int:
         return len(self.casts)
@@ -182,11 +180,13 @@ class CastStore:
         """Take a cast back: it is kept, and counts for nothing from now on."""
         if number not in range(len(self)):
             raise InputError(f"the store has {len(self)} casts: there is no cast {number}")
-        undone = self.undone | {number}
-        if self._run is not None:
-            with self._run.locked():
-                write_json(self._run.path / UNDONE_FILE, seal({"undone": sorted(undone)}))
-        self.undone = undone
+        if self._run is None:
+            self.undone |= {number}
+            return
+        with self._run.locked():
+            # Another process may have taken one back meanwhile.
+            self.undone |= self._read_undone() | {number}
+            write_json(self._run.path / UNDONE_FILE, seal({"undone": sorted(self.undone)}))
 
     def dataset(self, rows: Sequence[int] | NDArray[np.intp] | None = None) -> Dataset:
         """Return casts by number, or all that were not taken back, as a dataset in memory."""
@@ -201,6 +201,18 @@ class CastStore:
             "fingerprint": fingerprint([len(stored)], shard_bytes(table, "")),
         }
         return table_dataset(table, info)
+
+    def _read_undone(self) -> frozenset[int]:
+        if self._run is None:
+            return self.undone
+        try:
+            return frozenset(read_sealed(self._run.path / UNDONE_FILE)["undone"])
+        except FileNotFoundError:
+            return frozenset()
+        except DamagedFileError as error:
+            raise DamagedFileError(
+                f"{error}. Restore it, or delete it: casts that were taken back count again then"
+            ) from None
 
     @property
     def _settings_fingerprint(self) -> str:

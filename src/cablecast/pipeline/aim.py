@@ -595,7 +595,7 @@ def write_aim_report(
         path=folder,
         config={"command": "aim", "settings": plain_settings(settings), **run_facts()},
     )
-    with run.locked():
+    with run.locked(replaces=True):
         save_trials(every, folder / TRIALS_FILE)
         figure = tries_map(every)
         write_bytes(folder / TRIES_FILE, png_bytes(figure))

@@ -20,7 +20,14 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from cablecast.errors import CablecastError, DamagedFileError, InputError
-from cablecast.files import library_versions, processor_name, read_sealed, seal, write_json
+from cablecast.files import (
+    is_leftover,
+    library_versions,
+    processor_name,
+    read_sealed,
+    seal,
+    write_json,
+)
 
 
 def plain_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -146,9 +153,9 @@ def hold_folder(
             raise error(f"another process is writing to {path}: this one, in another thread")
         handle = None if roles else _lock(path, error)
         # A folder of this name is that of an export, which clears its own.
-        for leftover in () if roles else path.rglob(".*.tmp"):
-            if not leftover.is_dir():
-                leftover.unlink(missing_ok=True)
+        for file in () if roles else path.rglob(".*.tmp"):
+            if not file.is_dir() and is_leftover(file):
+                file.unlink(missing_ok=True)
         _HELD[key] = roles | {role}
     try:
         yield
@@ -360,15 +367,22 @@ class RunFolder:
         return self.config["settings"]
 
     @contextlib.contextmanager
-    def locked(self) -> Iterator["RunFolder"]:
+    def locked(self, *, replaces: bool = False) -> Iterator["RunFolder"]:
         """Lock the folder against other processes, and write config.json if it is missing.
 
+        Args:
+            replaces: Whether a run of other settings is replaced.
+
         Raises:
-            InputError: Another process has locked the folder.
+            InputError: Another process has locked the folder, or has begun a run of other settings
+                in it meanwhile.
         """
         claim = _claim(self.path)
         with hold_folder(self.path, InputError, "work"):
-            if claim.read() != self.config:
+            stored = claim.read()
+            if stored != self.config:
+                if stored is not None and not replaces:
+                    self.open(self.path, self.command, self.settings)
                 claim.write(self.config)
             yield self
 
