@@ -118,6 +118,8 @@ def test_a_hit_is_the_end_at_its_target_and_another_one_is_offered(desk, own):
     assert np.linalg.norm(other - TARGET) > 0.1
     desk.aim(other)
     assert desk.phase is Phase.PLANNED
+    # Asked again, it is not the same.
+    assert np.linalg.norm(desk.other_target() - other) > 0.1
     # The next cast leads to yet another one.
     desk.cast(desk.preview)
     yet_another = desk.other_target()

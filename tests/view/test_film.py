@@ -34,7 +34,7 @@ def shot():
 
 def test_a_camera_sees_what_it_looks_at_in_the_middle_and_far_things_small():
     view = camera_behind_robot(SETUP, 200, 100)
-    look_at = viewpoint(SETUP)[1]
+    look_at = viewpoint(SETUP, 2.0)[1]
     assert np.allclose(view.to_image(look_at), [100.0, 50.0])
     near, far = view.to_image(look_at + [[0.5, 0.0, 0.0], [0.5, 0.5, 0.0]])
     assert near[0] > far[0] > 100.0

@@ -102,6 +102,24 @@ def test_a_fit_to_all_casts_is_long_work_that_leaves_out_what_was_undone(page, l
     assert desk.phase is Phase.READY
 
 
+def test_a_target_that_is_planned_as_the_new_fit_comes_stays_planned(page, learning, drawn):
+    desk = page.desk
+    for _ in range(2):
+        cast_at_target(page)
+    rehearse = desk._rehearse
+
+    def rehearsed(session):
+        rehearse(session)
+        page.aim_polar(1.2, -20.0)
+
+    desk._rehearse = rehearsed
+    page.refit()
+    page.worker.drain()
+    assert desk.phase is Phase.PLANNED
+    # What is drawn is the plan, not the cast before.
+    assert "/marks/expected" in drawn(page.server)
+
+
 def test_a_bad_target_is_said_and_changes_nothing(page):
     page.aim((9.0, 9.0))
     assert "out of reach" in page.desk.message

@@ -81,11 +81,12 @@ def test_the_map_knows_the_reach_and_the_misses(policy):
     assert len(np.unique(seen)) > 2 * len(np.unique(image[1::4, 1::4, 0]))
 
 
-@pytest.mark.parametrize("size", [(1440, 900), (1120, 900), (800, 360), (390, 844)])
-def test_the_table_fills_the_picture_and_stays_in_it(size):
+@pytest.mark.parametrize("panel", [False, True])
+@pytest.mark.parametrize("size", [(1440, 900), (1120, 900), (800, 360), (640, 480), (390, 844)])
+def test_the_table_fills_the_picture_and_stays_in_it(size, panel):
     setup = Setup()
     table = setup.workspace
-    camera = camera_behind_robot(setup, *size, size[0] / size[1])
+    camera = camera_behind_robot(setup, *size, panel=panel)
     corners = [
         (x, y, 0.0)
         for x in (-table.half_width, table.half_width)
@@ -94,7 +95,7 @@ def test_the_table_fills_the_picture_and_stays_in_it(size):
     u, v = camera.to_image(np.array(corners)).T
     assert min(u.min(), v.min()) > 0
     assert u.max() < size[0]
-    assert v.max() < size[1] * (1.0 if size[0] > size[1] else 0.4)
+    assert v.max() < size[1] * (0.4 if panel and size[0] < size[1] else 1.0)
     assert max(np.ptp(u) / size[0], np.ptp(v) / size[1]) > 0.8
 
 

@@ -91,6 +91,8 @@ class Desk:
         self.dynamics = Dynamics.of(None, self.setup)
         self._lock = threading.RLock()
         self._casting = False
+        # Of targets that are suggested.
+        self._rng = np.random.default_rng(0)
 
     @property
     def phase(self) -> Phase:
@@ -195,7 +197,7 @@ class Desk:
             return self.preview
 
     def other_target(self) -> NDArray[np.float64]:
-        """Return a target [m], shape [2], that simulated casts reach, far from those cast at."""
+        """Return a target [m], shape [2], that simulated casts reach, far from those aimed at."""
         session, table = self._need_session(), self.setup.workspace
         xy = session.model.policy.predicted_xy
         xy = xy[table.edge_distance(xy) > _EDGE]
@@ -204,11 +206,14 @@ class Desk:
             raise InputError(
                 f"no simulated cast lands {_EDGE} m within the table's edges: click on the table"
             )
-        rng = np.random.default_rng(len(session.casts))
+        rng = self._rng
         some = rng.choice(xy, _CHOICE) * np.stack(
             [rng.choice([-1, 1], _CHOICE), np.ones(_CHOICE)], 1
         )
-        known = np.array([one.target_xy for one in self.tries]).reshape(-1, 1, 2)
+        aimed = [one.target_xy for one in self.tries]
+        if (preview := self.preview) is not None:
+            aimed.append(preview.proposal.target_xy)
+        known = np.array(aimed).reshape(-1, 1, 2)
         return some[np.argmax(np.linalg.norm(some - known, axis=2).min(axis=0, initial=np.inf))]
 
     def look_ahead(self) -> None:

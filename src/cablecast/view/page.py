@@ -121,7 +121,7 @@ class Page:
         gui.main_panel.dock_right()
         self.stage = Stage(self.server, desk.setup, rate=rate, meshes=meshes)
         camera = self.server.initial_camera
-        camera.position, camera.look_at, camera.fov = viewpoint(desk.setup, WIDE)
+        camera.position, camera.look_at, camera.fov = viewpoint(desk.setup, WIDE, panel=True)
         self._refreshers: list[Callable[[], None]] = []
         self._unseen: collections.deque[ShownCast] = collections.deque()
         self._ended = threading.Event()
@@ -212,7 +212,8 @@ class Page:
         def work(report: ProgressCallback) -> None:
             self.desk.refit(report)
             # The plan of before, and where casts could land, are those of the old model.
-            self.show_rest()
+            if self.desk.preview is None:
+                self.show_rest()
             self.show_map(self._map_is_shown)
 
         self.guard(lambda: self.worker.submit("a fit to all casts", work))
@@ -344,7 +345,7 @@ class Page:
             aspect = min(camera.aspect, WIDE)
             if abs(aspect / placed - 1.0) > _RESHAPED:
                 placed = aspect
-                camera.position, camera.look_at = viewpoint(self.desk.setup, aspect)[:2]
+                camera.position, camera.look_at = viewpoint(self.desk.setup, aspect, panel=True)[:2]
 
         place(client.camera)
         client.camera.on_update(place)
@@ -603,6 +604,8 @@ class LookTab:
                 name: gui.add_slider(name.replace("_", " "), -1.0, 1.0, 0.05, 0.0, disabled=True)
                 for name in SLIDERS
             }
+        # Clicks come in threads of their own; what is simulated belongs to the cast that is shown.
+        self._lock = threading.RLock()
         self._slid = threading.Event()
         for slider in self._sliders.values():
             slider.on_update(self._by_hand(self._slide))
@@ -629,22 +632,24 @@ class LookTab:
 
     def show(self, index: int) -> None:
         """Show a cast of the open folder in all kinds that are ticked."""
-        self._index, self.shown = index, {}
-        for kind, box in self._boxes.items():
-            if box.value and not box.disabled:
-                self._make(kind)
-        if not self.shown:
-            # Nobody saw it.
-            self._boxes["believed"].value = True
-            self._make("believed")
-        self._play()
+        with self._lock:
+            self._index, self.shown = index, {}
+            for kind, box in self._boxes.items():
+                if box.value and not box.disabled:
+                    self._make(kind)
+            if not self.shown:
+                # Nobody saw it.
+                self._boxes["believed"].value = True
+                self._make("believed")
+            self._play()
 
     def tick(self, kind: str, on: bool) -> None:
         """Show one kind of motion of the cast, or hide it."""
-        self.shown.pop(kind, None)
-        if on:
-            self._make(kind)
-        self._play()
+        with self._lock:
+            self.shown.pop(kind, None)
+            if on:
+                self._make(kind)
+            self._play()
 
     def _by_hand(self, action: Callable[[], None]) -> Callable[[Any], None]:
         """Return an answer to changes that a person made: those from here have no client."""
@@ -687,12 +692,13 @@ class LookTab:
 
     def slide(self) -> None:
         """Show the cast with the parameters of the sliders, at rest."""
-        self._make("sliders")
-        player = self._page.stage.player
-        self._page.stage.table.clear()
-        end = self.shown["sliders"].duration
-        self._page.stage.show(self.shown, end if player.playing else player.time)
-        self._describe()
+        with self._lock:
+            self._make("sliders")
+            player = self._page.stage.player
+            self._page.stage.table.clear()
+            end = self.shown["sliders"].duration
+            self._page.stage.show(self.shown, end if player.playing else player.time)
+            self._describe()
 
     def _play(self) -> None:
         self._page.stage.table.clear()

@@ -233,12 +233,15 @@ def reach_arc(setup: Setup, height: float) -> Array:
     return segments[inside]
 
 
-def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float]:
+def viewpoint(
+    setup: Setup, aspect: float = 16 / 9, *, panel: bool = False
+) -> tuple[Array, Array, float]:
     """Return a place from which the whole table is seen, behind the robot.
 
     Args:
         setup: Set-up with the table.
         aspect: Width of the picture by its height [-].
+        panel: Whether the panel of the page covers the lower part of a tall picture.
 
     Returns:
         Position and point looked at [m], shape [3], and the vertical field of view [rad].
@@ -246,8 +249,8 @@ def viewpoint(setup: Setup, aspect: float = 16 / 9) -> tuple[Array, Array, float
     table = setup.workspace
     x, near = np.array([table.half_width, table.y_min]) + _SCALE_ROOM * [1.0, -1.0]
     depth = table.y_max - near
-    # The band of the picture that the table fills. In a tall one the panel covers the lower part.
-    low, high = (-0.95, 0.95) if aspect > 1.0 else (0.24, 0.97)
+    # The band of the picture that the table fills.
+    low, high = (0.24, 0.97) if panel and aspect <= 1.0 else (-0.95, 0.95)
     tan, sin, cos = np.tan(_FOV / 2), np.sin(_ELEVATION), np.cos(_ELEVATION)
     # Distance along the view of the near edge: it fits the width, and both edges the band.
     first = max(
