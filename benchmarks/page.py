@@ -20,6 +20,7 @@ import numpy as np
 from tools.browse_page import TablePage, find_browser, open_browser
 
 from benchmarks.common import has
+from benchmarks.result import Table
 from cablecast.aiming.session import AimSession
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.rigs.make import make_rig
@@ -44,7 +45,8 @@ class Args:
     """Measure the frames in a browser, where one is installed."""
 
 
-def main(args: Args) -> None:
+def main(args: Args) -> Iterator[Table]:
+    """Yield the waits on the page; frames and memory are printed."""
     if "OPENBLAS_NUM_THREADS" not in os.environ:
         # As `cablecast view` does. NumPy reads it on import, so restart the process.
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
@@ -62,17 +64,25 @@ def main(args: Args) -> None:
         desk.open_session(AimSession(policy, out=pathlib.Path(folder) / "session"))
         print(f"session opened in {time.perf_counter() - start:.1f} s")
         try:
-            measure(page, policy, args)
+            rows = measure(page, policy, args)
         finally:
             page.close()
+    columns = ("wait", "median [ms]", "longest [ms]", "processor [ms]", "longest of it [ms]")
+    yield Table(title="Waits on the page", columns=columns, rows=rows)
 
 
-def measure(page: Page, policy: ForwardSearchPolicy, args: Args) -> None:
+def measure(page: Page, policy: ForwardSearchPolicy, args: Args) -> list[tuple]:
     desk, rng = page.desk, np.random.default_rng(0)
     targets = policy.predicted_xy[rng.choice(len(policy.predicted_xy), args.count)]
     print(f"cores {os.cpu_count()}, load {os.getloadavg()[0]:.1f}")
-    report("the first plan after a click", lambda k: page.aim(targets[0]), args, 1)
-    report("a plan after a click, while the last one plays", lambda k: page.aim(targets[k]), args)
+    rows = [
+        timed("the first plan after a click", lambda k: page.aim(targets[0]), 1),
+        timed(
+            "a plan after a click, while the last one plays",
+            lambda k: page.aim(targets[k]),
+            args.count,
+        ),
+    ]
     page.stage.player.seek(0.0)
     preview = desk.aim(targets[0])
     exponents = rng.uniform(-0.5, 0.5, (args.count, len(SLIDERS)))
@@ -82,25 +92,25 @@ def measure(page: Page, policy: ForwardSearchPolicy, args: Args) -> None:
         slid = desk.dynamics.with_params(params)
         ShownCast.simulated(preview.proposal.trajectory, desk.setup, desk.engine, slid)
 
-    report("slider to simulated cast", slide, args)
-    report("map of expected misses", lambda k: page.show_map(True), args, 3)
+    rows.append(timed("slider to simulated cast", slide, args.count))
+    rows.append(timed("map of expected misses", lambda k: page.show_map(True), 3))
     page.show_map(False)
     if args.browser and find_browser() is not None and has("playwright"):
         measure_frames(page, targets)
     measure_memory(page, targets, args)
+    return rows
 
 
-def report(what: str, work: Callable[[int], object], args: Args, count: int | None = None) -> None:
+def timed(what: str, work: Callable[[int], object], count: int) -> tuple:
+    """Return a row: median and longest time by the clock and of the processor [ms]."""
     walls, cpus = [], []
-    for k in range(count or args.count):
+    for k in range(count):
         wall, cpu = time.perf_counter(), time.process_time()
         work(k)
         walls.append(time.perf_counter() - wall)
         cpus.append(time.process_time() - cpu)
-    print(
-        f"{what}: median {1000 * np.median(walls):.0f} ms, longest {1000 * max(walls):.0f} ms; "
-        f"processor {1000 * np.median(cpus):.0f} ms, longest {1000 * max(cpus):.0f} ms"
-    )
+    cells = (f"{1000 * value:.0f}" for own in (walls, cpus) for value in (np.median(own), max(own)))
+    return what, *cells
 
 
 def measure_memory(page: Page, targets: np.ndarray, args: Args) -> None:

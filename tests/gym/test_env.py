@@ -113,6 +113,8 @@ def test_an_episode_ends_with_its_cast_and_the_next_one_starts_as_the_mode_says(
     assert not rewards.any()
     with pytest.raises(InputError, match="autoreset_mode"):
         CastVectorEnv(4, autoreset_mode=AutoresetMode.DISABLED)
+    with pytest.raises(InputError, match="autoreset_mode 'same' must be one of NextStep, "):
+        CastVectorEnv(4, autoreset_mode="same")
 
 
 def test_a_picture_shows_target_and_landings_where_they_are():

@@ -5,6 +5,7 @@ import pytest
 
 sb3 = pytest.importorskip("stable_baselines3")
 
+from cablecast.errors import InputError  # noqa: E402
 from cablecast.gym.env import CastVectorEnv  # noqa: E402
 from cablecast.gym.stable_baselines import CastVecEnv  # noqa: E402
 
@@ -29,3 +30,8 @@ def test_the_same_seed_learns_the_same():
         model.learn(16)
         rewards.append(model.predict(np.zeros(14, dtype=np.float32), deterministic=True)[0])
     assert np.array_equal(*rewards)
+
+
+def test_another_autoreset_mode_is_refused():
+    with pytest.raises(InputError, match="must be NextStep, not SameStep"):
+        CastVecEnv(CastVectorEnv(4, autoreset_mode="SameStep"))

@@ -79,7 +79,7 @@ class CastTask:
             the earlier ones.
         spread: Share of the search ranges of tuning from which cables are drawn [-]: 0 for always
             the same, 1 for the whole ranges.
-        observe_cable: Whether the observation holds the ten parameters of the cable.
+        observe_cable: Whether the observation holds the cable: length, diameter, ten parameters.
         off_table: What a cast earns that leaves the table: "fail" for `fail_reward`, "miss" for the
             distance of its resting point on an endless plane. An engine knows that, a rig does not.
         fail_reward: Reward of a cast without a landing, and of a motion that the arm cannot make.
@@ -462,6 +462,11 @@ class CastVectorEnv(gymnasium.vector.VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         **options: Any,
     ):
+        known = [mode.value for mode in AutoresetMode]
+        if autoreset_mode not in (*AutoresetMode, *known):
+            raise InputError(
+                f"autoreset_mode {str(autoreset_mode)[:40]!r} must be one of {', '.join(known)}"
+            )
         mode = AutoresetMode(autoreset_mode)
         if mode is AutoresetMode.DISABLED:
             raise InputError("autoreset_mode must be NextStep or SameStep: each step ends episodes")

@@ -3,8 +3,10 @@
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
+from cablecast.errors import InputError
 from cablecast.gym.env import CastVectorEnv
 
 
@@ -13,9 +15,17 @@ class CastVecEnv(VecEnv):
 
     Args:
         env: Many casts at once, of the default autoreset mode.
+
+    Raises:
+        InputError: It has another autoreset mode.
     """
 
     def __init__(self, env: CastVectorEnv):
+        if (mode := env.metadata["autoreset_mode"]) is not AutoresetMode.NEXT_STEP:
+            raise InputError(
+                f"Stable-Baselines3 resets by itself: autoreset_mode must be NextStep, not "
+                f"{mode.value}"
+            )
         self.env = env
         self._actions: Any = None
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
@@ -46,6 +56,10 @@ class CastVecEnv(VecEnv):
     def close(self) -> None:
         """Close the rig."""
         self.env.close()
+
+    def get_images(self) -> list[Any]:
+        """Return the picture of each environment; see `CastVectorEnv.render`."""
+        return list(self.env.render() or ())
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute, which all environments share."""
