@@ -47,6 +47,15 @@ def test_what_a_killed_process_left_is_removed_and_what_another_writes_stays(tmp
     assert set(tmp_path.iterdir()) == {alive, other}
 
 
+def test_a_file_that_only_its_owner_may_read_stays_so(tmp_path):
+    file = tmp_path / "lab.yaml"
+    write_text(file, "first")
+    assert file.stat().st_mode & 0o044
+    file.chmod(0o600)
+    write_text(file, "second")
+    assert file.stat().st_mode & 0o777 == 0o600
+
+
 def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch):
     file = tmp_path / "a.bin"
     write_bytes(file, b"old")

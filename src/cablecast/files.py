@@ -18,6 +18,7 @@ import pathlib
 import platform
 import re
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -263,10 +264,12 @@ def write_bytes(path: pathlib.Path, content: bytes) -> None:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files that only their owner may read; results are for sharing.
+        # mkstemp makes files that only their owner may read; results are for sharing, unless a
+        # person has closed the file.
         umask = os.umask(0)
         os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
+        mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~umask
+        os.chmod(temporary, mode)
         os.replace(temporary, path)
     except BaseException as error:
         if temporary:

@@ -135,7 +135,7 @@ def test_takes_become_casts_that_tuning_reads(system, tmp_path):
     takes = tmp_path / "takes"
     takes.mkdir()
     for number in (1, 2):
-        WRITERS[system](takes / f"take {number}.csv", times, points)
+        WRITERS[system](takes / f"take {number}{'.csv' if number == 1 else '.TXT'}", times, points)
     names = MocapNames(
         frame=write_points(tmp_path / "points.csv"), end="end", grip=("grip", "ahead")
     )

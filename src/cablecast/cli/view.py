@@ -39,7 +39,7 @@ class View(AimConfig):
     def run(self) -> None:
         """Serve the page until it is interrupted."""
         # NumPy reads this once. A plan multiplies small matrices, where a second thread mostly
-        # waits: with two, a plan takes twice the processor time (docs/view.md).
+        # waits: with two, a plan takes twice the processor time.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.errors import check_count

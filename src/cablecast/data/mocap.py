@@ -25,6 +25,8 @@ _MISFIT_MAX = 0.005
 """Largest distance between a measured point and where the fit puts it [m]."""
 _SPREAD_MIN = 0.2
 """Smallest extent of the measured points across their longest line [m]."""
+_ENDINGS = (".csv", ".txt", ".tsv")
+"""Endings of the files of a folder that are takes."""
 _MOVED, _LEAD = 0.003, 0.05
 """Way of the grip by which a motion has started [m], and time before it that is kept [s]."""
 
@@ -149,7 +151,9 @@ class MocapNames:
         """
         if not 1 <= len(self.grip) <= 2:
             raise InputError(f"the grip has one point or two, not {len(self.grip)}")
-        files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+        files = [path]
+        if path.is_dir():
+            files = sorted(file for file in path.iterdir() if file.suffix.lower() in _ENDINGS)
         frame, names, parts = MocapFrame.load(self.frame), [], []
         for file in files:
             take = Take.load(file, frame)

@@ -30,7 +30,7 @@ from cablecast.view.look import ShownCast
 
 SEGMENT_COUNT, STEP = 30, 1e-3
 """Resolution of previews: a cast in a fraction of the time, with a landing some per cent of the
-cable's length from that of the full resolution (docs/view.md)."""
+cable's length from that of the full resolution."""
 
 _EDGE = 0.1  # Least distance of a suggested target from the table's edges [m].
 _CHOICE = 8  # Landings of which the one farthest from all targets is suggested.

@@ -1,7 +1,7 @@
 """What is seen in the browser, drawn with viser: table, marks, arms and cables that move.
 
 A browser that draws in software decides how: few meshes whose vertices move instead of lines whose
-number changes, words as small pictures, no shadows, no surroundings (docs/view.md).
+number changes, words as small pictures, no shadows, no surroundings.
 """
 
 import contextlib
