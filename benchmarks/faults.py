@@ -25,7 +25,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.result import Table
+from benchmarks.result import Table, code_key
 from benchmarks.truth import TruthCamera
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.data.dataset import read_dataset
@@ -276,7 +276,7 @@ class Args:
         rate: Largest speed of the clock.
         address: Loopback address of the twin.
         only_kept: Try nothing more; a dash for what is missing.
-        out: File that keeps what was tried, so that a stopped run goes on.
+        out: Folder that keeps what was tried, so that a stopped run goes on.
     """
 
     generations: tuple[str, ...] = tuple(ARMS)
@@ -285,13 +285,13 @@ class Args:
     rate: float = 1.0
     address: str = "127.9.0.1"
     only_kept: bool = False
-    out: pathlib.Path = pathlib.Path("build/faults.json")
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/faults")
 
 
 def main(args: Args) -> Iterator[Table]:
     """Try faults in phases, and yield a table of each generation."""
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    cells = read_json(args.out) if args.out.is_file() else {}
+    file = args.out / f"{code_key(('rigs/ur',))}.json"
+    cells = read_json(file) if file.is_file() else {}
     lab = load_setup(ROOT / "examples" / "twin.yaml")
     for generation in args.generations:
         faults = [fault for fault in args.faults or FAULTS if fault in faults_of(generation)]
@@ -311,7 +311,7 @@ def main(args: Args) -> Iterator[Table]:
                         print(f"{fault} in {phase}: {outcome}", file=sys.stderr, flush=True)
                         if not outcome.is_spoilt:
                             cells[f"{generation} {fault} {phase}"] = cell(outcome)
-                            write_json(args.out, cells)
+                            write_json(file, cells)
                             break
         rows = [
             (f"`{fault}`: {FAULTS[fault]}", *tried)

@@ -22,16 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks.result import Table, plain
+from benchmarks.result import LEARNING, Table, code_key, plain
 from cablecast.aiming.session import SimulatorConfig
 from cablecast.arm.ur import ARM_MODELS
 from cablecast.cable import KIND_NAMES
 from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
-from cablecast.files import read_json, write_json
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions, widest_ranges
 from cablecast.rigs.engine import RigEngine
+from cablecast.runs.folder import Parts
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.space import ParamPrior, SearchSpace
 
@@ -187,16 +187,19 @@ def labs(args: LabsArgs) -> Iterator[Table]:
     """Yield what becomes of the laboratories, and the misses where they run."""
     end = time.monotonic() + 60.0 * args.minutes
     found = []
+    size = f"{args.tries}-{args.simulated}-{args.epochs}"
+    parts = Parts(args.out / code_key((*LEARNING, "pipeline/check")) / size)
     for seed in range(args.count):
-        path = args.out / f"lab-{seed:03d}.json"
-        if not path.is_file():
+        lab = parts.get(f"lab-{seed:03d}")
+        if lab is None:
             if time.monotonic() > end:
                 print(
                     f"{len(found)} of {args.count} laboratories are done: the same command goes on"
                 )
                 break
-            write_json(path, plain(play(args, seed)))
-        found.append(read_json(path))
+            lab = plain(play(args, seed))
+            parts.put(f"lab-{seed:03d}", lab)
+        found.append(lab)
     cast = args.tries > 0
     yield outcomes(found, cast=cast)
     yield refusals(found, cast=cast)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.result import Table
+from benchmarks.result import PHYSICS, Table, code_key
 from cablecast.cable import Cable, CableParams
 from cablecast.conventions import tangent
 from cablecast.engines.base import CableState
@@ -483,7 +483,8 @@ def main(args: Args) -> Iterator[Table]:
     rows: list[tuple[Any, ...]] = []
     for name in find_cables(args.data):
         files = [args.data / f"{name}_{part}.npz" for part in ("train", "eval")]
-        fits = Parts(args.out / name, fingerprint(settings, *(file.read_bytes() for file in files)))
+        folder = args.out / code_key(PHYSICS) / name
+        fits = Parts(folder, fingerprint(settings, *(file.read_bytes() for file in files)))
         train, held_out = (Player(Sequences(file), args) for file in files)
         for number, (label, unknowns) in enumerate(SETS.items()):
             values = fits.get(f"fit-{number}")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
+from benchmarks.result import LEARNING, code_key
 from benchmarks.strange_rig import (
     SAMPLE_DT,
     StrangeRig,
@@ -262,8 +263,8 @@ class Place:
         self.setup = cc.Setup(cable=cable)
         self.rig = open_rig(name, lab, self.setup)
         size = f"{args.simulated}-{args.epochs}"
-        self.folder = args.out / f"{name}-{lab}-{cable}"
-        self.parts = Parts(self.folder / f"results-{size}")
+        self.folder = args.out / code_key(LEARNING) / f"{name}-{lab}-{cable}"
+        self.parts = Parts(self.folder / f"results-{size}-{args.candidates}")
         self.models = self.folder / f"models-{size}"
 
     def casts(self, count: int, first: int = 0) -> Dataset | None:

@@ -173,6 +173,8 @@ def measured(
         code: Parts of cablecast that the result depends on.
     """
     facts, start, found, status = run_facts(), time.perf_counter(), [], 0
+    # As it is now, not as it may be edited to meanwhile.
+    digests = {part: fingerprint(part) for part in code}
     source = iter(tables)
     while True:
         try:
@@ -191,7 +193,7 @@ def measured(
         cores=facts["cpu_count"],
         load=facts["load"],
         seconds=round(time.perf_counter() - start, 1),
-        code={part: fingerprint(part) for part in code},
+        code=digests,
         tables=tuple(found),
     )
     return result, status
@@ -208,6 +210,11 @@ def fingerprint(part: str, root: pathlib.Path = ROOT) -> str:
     base = root / "src" / "cablecast" / part
     files = sorted(base.rglob("*.py")) if base.is_dir() else [base.with_suffix(".py")]
     return _digest([file.read_text() for file in files if file.is_file()])
+
+
+def code_key(code: Sequence[str]) -> str:
+    """Return a name for the code of some parts: what other code made is not gone on with."""
+    return hashlib.sha256("".join(fingerprint(part) for part in code).encode()).hexdigest()[:12]
 
 
 def fingerprints_at(commit: str, code: Sequence[str]) -> dict[str, str]:

@@ -113,7 +113,8 @@ class TablePage:
         box = self.tab.locator("canvas").first.bounding_box()
         aspect = min(box["width"] / box["height"], WIDE)
         size = round(box["width"]), round(box["height"])
-        x, y = camera_behind_robot(self._setup, *size, aspect).to_image(np.append(xy, 0.0))
+        camera = camera_behind_robot(self._setup, *size, aspect, panel=True)
+        x, y = camera.to_image(np.append(xy, 0.0))
         return box["x"] + float(x), box["y"] + float(y)
 
     def target(self) -> np.ndarray:

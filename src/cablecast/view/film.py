@@ -134,10 +134,10 @@ def frame_times(shot: Shot, config: FilmConfig) -> np.ndarray:
 
 
 def camera_behind_robot(
-    setup: Setup, width: int, height: int, *, panel: bool = False
+    setup: Setup, width: int, height: int, aspect: float | None = None, *, panel: bool = False
 ) -> CameraView:
-    """Return the camera of a picture [pixel] from its `viewpoint`."""
-    position, look_at, fov = viewpoint(setup, width / height, panel=panel)
+    """Return the camera of a picture [pixel] at the `viewpoint` for its aspect [-] or another."""
+    position, look_at, fov = viewpoint(setup, aspect or width / height, panel=panel)
     forward = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
