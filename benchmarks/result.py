@@ -1,8 +1,9 @@
 """Results as data: what a command measured, when, on what, and of which version of the code.
 
 A result is a small JSON file. Those that pages quote lie in `benchmarks/results`. Each has a
-fingerprint of every part of cablecast that it depends on: it is out of date once the code of such
-a part differs. Comments and docstrings do not count.
+fingerprint of every part of cablecast that decides its numbers: it is out of date once the code of
+such a part differs. Comments and docstrings do not count, nor what only carries numbers from one
+part to the next: set-ups, datasets, folders.
 """
 
 import ast
@@ -28,9 +29,10 @@ FOLDER = ROOT / "benchmarks" / "results"
 OTHER = ROOT / "runs" / "benchmarks"
 """Results that no page quotes."""
 
-PHYSICS = ("cable", "motion/casting", "motion/grip_path", "engines/warp_")
+ENGINE = ("cable", "engines/base", "engines/dynamics", "engines/warp_")
+PHYSICS = (*ENGINE, "motion/casting", "motion/grip_path")
 """Rooms, or packages and modules in them, that decide how a simulated cable moves."""
-LABORATORY = ("cable", "motion", "engines/warp_", "arm", "rigs/virtual")
+LABORATORY = (*ENGINE, "motion", "arm", "rigs/virtual")
 PAPER = (*LABORATORY, "tuning", "learning", "evaluation")
 """What `cablecast reproduce` depends on: it does not aim."""
 LEARNING = (*LABORATORY, "tuning", "learning", "aiming")
