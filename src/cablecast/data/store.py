@@ -180,13 +180,13 @@ class CastStore:
         """Take a cast back: it is kept, and counts for nothing from now on."""
         if number not in range(len(self)):
             raise InputError(f"the store has {len(self)} casts: there is no cast {number}")
-        if self._run is None:
-            self.undone |= {number}
-            return
-        with self._run.locked():
-            # Another process may have taken one back meanwhile.
-            self.undone |= self._read_undone() | {number}
-            write_json(self._run.path / UNDONE_FILE, seal({"undone": sorted(self.undone)}))
+        undone = self.undone | {number}
+        if self._run is not None:
+            with self._run.locked():
+                # Another process may have taken one back meanwhile.
+                undone |= self._read_undone()
+                write_json(self._run.path / UNDONE_FILE, seal({"undone": sorted(undone)}))
+        self.undone = undone
 
     def dataset(self, rows: Sequence[int] | NDArray[np.intp] | None = None) -> Dataset:
         """Return casts by number, or all that were not taken back, as a dataset in memory."""
