@@ -196,7 +196,7 @@ def _draw_try_curves(axes: "Axes", evaluation: Evaluation) -> None:
         last[evaluation.target_index[repeat == number]] = errors[repeat == number]
         known = np.sort(last[np.isfinite(last)])
         share = 100.0 * np.arange(1, len(known) + 1) / count
-        label = "first try" if number == 0 else f"try {number + 1}, or the hit before it"
+        label = "first try" if number == 0 else f"try {number + 1}, or the last one before it"
         axes.step(known, share, where="post", label=label, color=scale.to_rgba(number))
     axes.set(xlabel="miss [% of cable length]", ylabel="targets [%]", ylim=(0, 102), xlim=(0, 30))
 
