@@ -87,7 +87,7 @@ class Dataset:
 
     @property
     def kind(self) -> str:
-        """Kind of the casts: "sim", "real", "tune", "repeat", "evaluate" or, of a session, "aim"."""
+        """Kind of the casts: "sim", "real", "tune", "repeat", "evaluate", or a session's "aim"."""
         return self.info.get("kind", "")
 
     @property
