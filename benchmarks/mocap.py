@@ -12,6 +12,7 @@ them.
 """
 
 import dataclasses
+import functools
 import pathlib
 import sys
 from collections.abc import Iterator
@@ -486,12 +487,10 @@ def main(args: Args) -> Iterator[Table]:
         folder = args.out / code_key(PHYSICS) / name
         fits = Parts(folder, fingerprint(settings, *(file.read_bytes() for file in files)))
         train, held_out = (Player(Sequences(file), args) for file in files)
+        values: dict[str, float] | None = None
         for number, (label, unknowns) in enumerate(SETS.items()):
-            values = fits.get(f"fit-{number}")
-            if values is None:
-                before = fits.get(f"fit-{number - 1}")
-                values = fit(train, unknowns, args.iterations, before, args.starts)
-                fits.put(f"fit-{number}", values)
+            make = functools.partial(fit, train, unknowns, args.iterations, values, args.starts)
+            values = fits.get_or_make(f"fit-{number}", make)
             trained, tested = train.error_cm(values), held_out.error_cm(values)
             found = ", ".join(f"{key} {value:.3g}" for key, value in values.items())
             rows.append((name, label, *trained, *tested, found))

@@ -109,11 +109,7 @@ def read_recordings(
         cells = {c: values[rows] for c, values in columns.items()}
         where = f"{path}, cast {name[:40]!r}"
         try:
-            # A row of the table or, of takes, which begin with the motion, a time.
-            labels = [f"row {row + 1}" for row in rows]
-            if mocap is not None:
-                labels = [f"the frame {time:.3f} s after the start" for time in cells[TIME_COLUMN]]
-            sound = _sound(where, cells, np.array(labels), report)
+            sound = _sound(where, cells, np.array(rows) + 1, report, of_take=mocap is not None)
             casts.append(_recording(where, name, sound, setup))
         except InputError as error:
             first = first or error
@@ -125,12 +121,20 @@ def read_recordings(
 
 
 def _sound(
-    where: str, columns: dict[str, Array], labels: NDArray[np.str_], report: Callable[[str], None]
+    where: str,
+    columns: dict[str, Array],
+    rows: NDArray[np.int64],
+    report: Callable[[str], None],
+    *,
+    of_take: bool,
 ) -> dict[str, Array]:
-    """Return the sound rows of a cast, and report the others by their labels."""
+    """Return the sound rows of a cast, and report the others by their numbers from 1.
+
+    Those of a take, which is cut off where the motion begins, are reported by their times.
+    """
     from scipy.ndimage import median_filter
 
-    columns, labels = _interleaved(columns, labels)
+    columns, rows = _interleaved(columns, rows)
     times = columns[TIME_COLUMN]
     why = [""] * len(times)
     for name, values in columns.items():
@@ -156,7 +160,8 @@ def _sound(
     if out.any():
         at = int(np.argmax(out))
         more = f" and {out.sum() - 1} more" if out.sum() > 1 else ""
-        words = f"{where}: {labels[at]} ({why[at]}){more} of {len(out)} rows cannot be used"
+        name = f"the frame {times[at]:.3f} s after the start" if of_take else f"row {rows[at]}"
+        words = f"{where}: {name} ({why[at]}){more} of {len(out)} rows cannot be used"
         if out.mean() > _UNSOUND_MAX:
             raise InputError(words)
         report(words)
@@ -173,8 +178,8 @@ def _sound(
 
 
 def _interleaved(
-    columns: dict[str, Array], labels: NDArray[np.str_]
-) -> tuple[dict[str, Array], NDArray[np.str_]]:
+    columns: dict[str, Array], rows: NDArray[np.int64]
+) -> tuple[dict[str, Array], NDArray[np.int64]]:
     """Return rows by their time where these are two logs, one after the other."""
     times = columns[TIME_COLUMN]
     kinds = np.array([np.isfinite(v) for name, v in columns.items() if name != TIME_COLUMN])
@@ -182,11 +187,11 @@ def _interleaved(
     parts = [times[kinds == kind] for kind in np.unique(kinds)]
     # A log with cells that are empty now and then is no other log.
     if len(parts) != 2 or np.isnan(times).any() or np.all(np.diff(times) >= 0.0):
-        return columns, labels
+        return columns, rows
     if any(np.any(np.diff(part) < 0.0) for part in parts):
-        return columns, labels
+        return columns, rows
     order = np.argsort(times, kind="stable")
-    return {name: values[order] for name, values in columns.items()}, labels[order]
+    return {name: values[order] for name, values in columns.items()}, rows[order]
 
 
 def _ascending(times: Array) -> NDArray[np.bool_]:

@@ -206,9 +206,8 @@ class Desk:
             raise InputError(
                 f"no simulated cast lands {_EDGE} m within the table's edges: click on the table"
             )
-        rng = self._rng
-        some = rng.choice(xy, _CHOICE) * np.stack(
-            [rng.choice([-1, 1], _CHOICE), np.ones(_CHOICE)], 1
+        some = self._rng.choice(xy, _CHOICE) * np.stack(
+            [self._rng.choice([-1, 1], _CHOICE), np.ones(_CHOICE)], 1
         )
         aimed = [one.target_xy for one in self.tries]
         if (preview := self.preview) is not None:
