@@ -42,6 +42,19 @@ def test_every_verb_explains_itself(verb, capsys):
     assert re.search(r"\b(second|minute|hour)s?\b", text)
 
 
+def test_help_breaks_lines_at_the_width_of_the_terminal(capsys, monkeypatch):
+    for width in (80, 1000):
+        monkeypatch.setenv("COLUMNS", str(width))
+        with pytest.raises(SystemExit):
+            main(["aim", "--help"])
+        lines = capsys.readouterr().out.splitlines()
+        assert max(map(len, lines)) == width
+    # Nor elsewhere: a source file has lines of its own.
+    assert any(
+        "and angle from straight ahead [deg], positive to the robot's right" in x for x in lines
+    )
+
+
 def test_no_arguments_show_the_verbs(capsys):
     with pytest.raises(SystemExit) as exit_info:
         main([])

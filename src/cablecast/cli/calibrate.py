@@ -23,12 +23,12 @@ What = typing.Literal["table", "lens"]
 class Calibrate:
     """Find where the robot stands at the table (table), or the lens of the camera (lens).
 
-    `table`: touch the centres of at least six tags with the tip of the tool, and give the points
-    that the controller shows in its base frame, as a file or one by one. The fit names tags that
-    lie elsewhere, and writes the base's height and yaw, the table's near edge and the tags' places
-    into the lab file. `lens`: show the board to the camera, or give pictures of it. The older
-    pattern of ChArUco boards is read too. Either takes seconds of computing, and a person some
-    minutes. docs/camera.md explains both.
+    For `table`, touch the centres of at least six tags with the tip of the tool, and give the
+    points that the controller shows in its base frame, as a file or one by one. The fit names tags
+    that lie elsewhere, and writes the base's height and yaw, the table's near edge and the tags'
+    places into the lab file. For `lens`, show the board to the camera, or give pictures of it. The
+    older pattern of ChArUco boards is read too. Either takes seconds of computing, and a person
+    some minutes. docs/camera.md explains both.
     """
 
     what: Annotated[tyro.conf.Positional[What], argument("table|lens")]

@@ -24,12 +24,13 @@ EXIT_ADVICE = 3
 class CameraVerb:
     """Check the camera of a lab file (check), or compare its clock with the robot's (sync).
 
-    `check` says on one page what was asked of the camera and what it does: frame rate, lost frames,
-    exposure, blur at the speed of the cable's end, tags seen, misfit of the calibration, and what
-    to change. The exit status is 3 if there is anything to change. `sync` finds the offset of the
-    two clocks, says how sure it is, and writes it into the lab file: the robot of the lab file is
-    reset and makes one cast at the speed of the lab file; or give a film of a swing and the robot's
-    log of it. Either takes seconds to a minute. docs/camera.md explains both.
+    The task `check` says on one page what was asked of the camera and what it does: frame rate,
+    lost frames, exposure, blur at the speed of the cable's end, tags seen, misfit of the
+    calibration, and what to change. The exit status is 3 if there is anything to change. `sync`
+    finds the offset of the two clocks, says how sure it is, and writes it into the lab file: the
+    robot of the lab file is reset and makes one cast at the speed of the lab file; or give a film
+    of a swing and the robot's log of it. Either takes seconds to a minute. docs/camera.md explains
+    both.
     """
 
     task: Annotated[tyro.conf.Positional[Task], argument("check|sync")]

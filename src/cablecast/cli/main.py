@@ -1,13 +1,18 @@
 """Entry point of the command line: choice of the verb, and its exit status."""
 
+import contextlib
+import inspect
 import os
+import re
 import signal
 import sys
 import threading
+import typing
 from collections.abc import Sequence
 from types import FrameType
 from typing import Annotated, Any, Union
 
+import docstring_parser
 import tyro
 
 import cablecast
@@ -25,7 +30,7 @@ from cablecast.cli.repeat import Repeat
 from cablecast.cli.reproduce import Reproduce
 from cablecast.cli.select import Select
 from cablecast.cli.simulate import Simulate
-from cablecast.cli.streams import drain, prepare_streams, say
+from cablecast.cli.streams import WrappedStream, drain, prepare_streams, say
 from cablecast.cli.track import Track
 from cablecast.cli.train import Train
 from cablecast.cli.tune import Tune
@@ -52,11 +57,10 @@ class Stopped(KeyboardInterrupt):
 _DESCRIPTION = """\
 Teach a robot arm to throw the free end of a cable onto a target on a table.
 
-`cablecast aim` does it all: a few casts, a fit, and casts at your targets, each of which teaches.
-The other verbs are its steps and those of the paper: collect casts on a real or virtual robot,
-tune a simulator to them, simulate many more, train a model on those, plan a motion for a target,
-evaluate on the robot. `cablecast reproduce`
-repeats every experiment of the paper.
+The verb `cablecast aim` does it all: a few casts, a fit, and casts at your targets, each of which
+teaches. The other verbs are its steps and those of the paper: collect casts on a real or virtual
+robot, tune a simulator to them, simulate many more, train a model on those, plan a motion for a
+target, evaluate on the robot. `cablecast reproduce` repeats every experiment of the paper.
 """
 
 VERBS: dict[str, type] = {
@@ -83,14 +87,33 @@ VERBS: dict[str, type] = {
 """Verbs of the command line, in the order in which data flows."""
 
 
-def _commands(*, brief: bool) -> Any:
-    """Return the type of all verbs, with the first lines alone of their descriptions if brief."""
+def _commands(chosen: str) -> Any:
+    """Return the type of all verbs, with the first lines alone of those that are not chosen."""
     options = []
     for name, kind in VERBS.items():
-        first = (kind.__doc__ or "").split("\n\n")[0]
-        subcommand = tyro.conf.subcommand(name, description=first if brief else None)
-        options.append(Annotated[kind, subcommand])
+        text = inspect.getdoc(kind) or ""
+        if name == chosen:
+            kind = _with_joined_lines(kind)
+            # tyro keeps a line break before a digit.
+            description = re.sub(r"(?<!\n)\n(?!\n)", " ", text)
+        else:
+            description = text.split("\n\n")[0]
+        options.append(Annotated[kind, tyro.conf.subcommand(name, description=description)])
     return Union[tuple(options)]  # noqa: UP007
+
+
+def _with_joined_lines(kind: type) -> type:
+    """Return a verb whose options are described without line breaks, which tyro would keep."""
+    texts = {
+        entry.arg_name: " ".join((entry.description or "").split())
+        for base in reversed(kind.__mro__[:-1])
+        for entry in docstring_parser.parse_from_object(base).params
+    }
+    hints = typing.get_type_hints(kind, include_extras=True)
+    joined = {
+        name: Annotated[hints[name], tyro.conf.arg(help=text)] for name, text in texts.items()
+    }
+    return type(kind.__name__, (kind,), {"__annotations__": joined, "__doc__": kind.__doc__})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -137,20 +160,20 @@ def _run(arguments: list[str]) -> int:
     if arguments == ["--version"]:
         print(f"cablecast {cablecast.__version__}")
         return 0
-    # A list of verbs has a line for each; its own help explains one of them.
-    brief = not arguments or arguments[0] not in VERBS
+    chosen = arguments[0] if arguments else ""
     try:
-        command = tyro.cli(
-            _commands(brief=brief),
-            prog="cablecast",
-            description=_DESCRIPTION,
-            args=arguments or ["--help"],
-            config=(
-                tyro.conf.OmitArgPrefixes,
-                tyro.conf.DisallowNone,
-                tyro.conf.FlagCreatePairsOff,
-            ),
-        )
+        with contextlib.redirect_stdout(WrappedStream(sys.stdout)):
+            command = tyro.cli(
+                _commands(chosen),
+                prog="cablecast",
+                description=_DESCRIPTION,
+                args=arguments or ["--help"],
+                config=(
+                    tyro.conf.OmitArgPrefixes,
+                    tyro.conf.DisallowNone,
+                    tyro.conf.FlagCreatePairsOff,
+                ),
+            )
     except SystemExit:
         # Help that cannot be written is an error like any other.
         sys.stdout.flush()

@@ -1,9 +1,37 @@
 """Standard streams that are closed, full, or cannot write every character."""
 
 import contextlib
+import io
 import os
+import shutil
 import sys
+import textwrap
 from typing import TextIO
+
+
+class WrappedStream(io.TextIOBase):
+    """Stream that breaks long lines of plain text between words, at the width of the terminal."""
+
+    def __init__(self, stream: TextIO):
+        self._stream = stream
+
+    @property
+    def encoding(self) -> str:
+        """Encoding of the stream below."""
+        return self._stream.encoding
+
+    def isatty(self) -> bool:
+        """Return whether the stream below is a terminal."""
+        return self._stream.isatty()
+
+    def write(self, text: str) -> int:
+        """Write a text; a box is as wide as the terminal already."""
+        width = shutil.get_terminal_size().columns
+        lines = (
+            textwrap.fill(line, width) if len(line) > width and "\x1b" not in line else line
+            for line in text.split("\n")
+        )
+        return self._stream.write("\n".join(lines))
 
 
 def prepare_streams() -> None:
