@@ -48,7 +48,7 @@ def test_help_breaks_lines_at_the_width_of_the_terminal(capsys, monkeypatch):
         with pytest.raises(SystemExit):
             main(["aim", "--help"])
         lines = capsys.readouterr().out.splitlines()
-        assert max(map(len, lines)) == width
+        assert max(map(len, lines)) <= width
     # Nor elsewhere: a source file has lines of its own.
     assert any(
         "and angle from straight ahead [deg], positive to the robot's right" in x for x in lines
