@@ -18,7 +18,7 @@ class Repeat:
     For each combination of speed and wrist turn, every action of the paper's grid that the arm can
     make is cast several times. Writes the casts, a table of the actions (actions.csv), the landings
     with their 95 % confidence ellipses (repeatability.png) and metrics.json, and prints the scatter
-    beside the paper's. By default these are 395 casts: four minutes on the virtual rig, two hours
+    beside the paper's. By default these are 370 casts: four minutes on the virtual rig, two hours
     on a robot. The same command resumes an interrupted run.
     """
 
