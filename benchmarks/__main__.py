@@ -96,7 +96,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
 """Module and function of each command, the code that it depends on, and what it measures."""
 
 QUOTED: dict[str, tuple[str, float]] = {
-    "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 99", 1.0),
+    "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 201", 2.0),
     "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 201", 2.4),
     "scatter-5": ("scatter --rig virtual --calibration 10 --targets 6 --repeats 5", 0.2),
     "other-physics": (
