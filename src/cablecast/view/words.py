@@ -4,11 +4,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
-from cablecast.report.words import region_text
+from cablecast.report.words import place_text, region_text
 from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.look import ShownCast
@@ -105,7 +104,7 @@ def plan_text(preview: Preview, desk: Desk) -> str:
 def _landing_text(proposal: Proposal, desk: Desk) -> str:
     """Return how the last cast landed beside what was expected of it, as a table."""
     length = desk.setup.cable.length
-    rows = [("target", _target_text(proposal.target_xy))]
+    rows = [("target", place_text(proposal.target_xy))]
     last = desk.last
     if last is not None and last.landed:
         off = 100 * float(np.linalg.norm(last.final_xy - proposal.expected_xy)) / length
@@ -138,18 +137,13 @@ def tries_text(desk: Desk) -> str:
             miss = f"~~{miss}~~"
         if one.hit:
             miss = f"**{miss}**"
-        rows.append((f"{one.try_number}", _target_text(one.target_xy), miss))
+        rows.append((f"{one.try_number}", place_text(one.target_xy), miss))
     return _table(("try", "target", "miss"), rows)
 
 
 def try_name(one: Cast) -> str:
     """Return the name of a try in a list."""
-    return f"{one.number}: {_target_text(one.target_xy)}, try {one.try_number}"
-
-
-def _target_text(xy: NDArray[np.float64]) -> str:
-    r, theta = xy_to_polar(xy)
-    return f"{r:.2f} m, {math.degrees(theta):.0f}°"
+    return f"{one.number}: {place_text(one.target_xy)}, try {one.try_number}"
 
 
 def legend_text(length: float) -> str:
