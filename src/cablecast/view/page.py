@@ -21,7 +21,6 @@ from cablecast.errors import CablecastError, InputError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim import SESSION_FOLDER, prepare_aim
-from cablecast.pipeline.places import require
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import ProgressCallback
@@ -82,15 +81,8 @@ _CAMERA_WIDTH = 480  # Largest width of the picture that is sent [pixel].
 class Page:
     """Draws a desk and a worker, and hands clicks to them.
 
-    Args:
-        desk: State of the table.
-        worker: Thread for casts and long work.
-        prepare: Gets the desk ready for the first target; called by the worker.
-        folder: Folder of the session, in that of the cable's results.
-        host: Address to listen on; only this computer by default.
-        port: Port to listen on; the next free one if it is taken.
-        meshes: Meshes of the arm; drawn as rods where None.
-        rate: Frames a second [1/s].
+    The worker calls `prepare` to get the desk ready for the first target. `folder` holds the
+    session. The arm is drawn as rods without meshes, at a rate in frames a second [1/s].
 
     Attributes:
         server: Server of the page.
@@ -315,10 +307,9 @@ class Page:
     def _watch(self, motion: Trajectory, track: EndpointTrack | None) -> None:
         """Play what the rig is made to do, and what it saw, one after another, before any plan."""
         if self.desk.session is None:
-            joints = motion.joint_path
-            shown = (
-                ShownCast.of_motion(motion) if track is None else ShownCast.of_track(track, joints)
-            )
+            shown = ShownCast.of_motion(motion)
+            if track is not None:
+                shown = ShownCast.of_track(track, motion.joint_path)
             self._unseen.append(shown)
             if not self.stage.player.playing:
                 self._play_unseen()
@@ -724,22 +715,15 @@ def serve(
     arm_meshes: str | os.PathLike[str] | None = None,
     ready: Callable[[str], None] | None = None,
 ) -> None:
-    """Serve the page of a rig until Ctrl-C.
+    """Serve the page of a rig until Ctrl-C, with the session in the folder of `cablecast aim`.
 
-    Args:
-        rig: Rig that `make_rig` returned.
-        folder: Folder of the session, the same as that of `cablecast aim`.
-        config: Settings of aiming.
-        host: Address to listen on.
-        port: Port to listen on; the next free one if it is taken.
-        arm_meshes: MJCF or URDF file whose meshes draw the arm; it is drawn as rods where None.
-        ready: Told the address once the page can be opened.
+    If the port is taken, it is the next free one; `ready` is told the address once the page can be
+    opened. The arm is drawn with the meshes of an MJCF or URDF file, or else as rods.
 
     Raises:
         MissingExtraError: A library of the page is not installed.
         InputError: The file of meshes shows another arm.
     """
-    require("the page", "viser", "trimesh")
     meshes = None if arm_meshes is None else ArmMeshes(arm_meshes, rig.setup.arm)
     folder = pathlib.Path(folder)
     desk, worker = Desk(rig), Worker()
