@@ -45,7 +45,8 @@ def draw_ellipses(evaluation, workspace):
 def draw_coverage(evaluation, workspace):
     hull = [[0.0, 0.6], [0.4, 0.9], [-0.4, 0.9], [0.0, 0.6]]
     result = {"with_psi": False, "r0": 0.6, "v_max": 1.5, "share": 0.2, "hulls_xy": [hull]}
-    return coverage_figure([result], np.array(hull), workspace, evaluation.cable.length)
+    selection = {"coverage": [result], "polar_casting": {"outline_xy": hull}}
+    return coverage_figure(selection, workspace, evaluation.cable.length)
 
 
 def draw_tracks(evaluation, workspace):

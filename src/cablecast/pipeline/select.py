@@ -200,8 +200,7 @@ def _draw(run: RunFolder, setup: Setup, metrics: dict[str, Any]) -> None:
     from cablecast.report.maps import coverage_figure
     from cablecast.report.style import png_bytes
 
-    outline = outlines(polar_casting_region(setup))[0]
-    figure = coverage_figure(metrics["coverage"], outline, setup.workspace, setup.cable.length)
+    figure = coverage_figure(metrics, setup.workspace, setup.cable.length)
     write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
 
 

@@ -292,15 +292,14 @@ def _draw_repeated(axes: "Axes", result: Repeatability) -> None:
 
 @styled()
 def coverage_figure(
-    results: Sequence[dict[str, Any]],
-    polar_casting_xy: NDArray[np.float64],
-    workspace: Workspace,
-    cable_length: float,
+    selection: Mapping[str, Any], workspace: Workspace, cable_length: float
 ) -> "Figure":
     """Draw the hulls of all speeds, a panel for each r0 and action set, after the paper's figure 6.
 
-    The results are those of `measure_coverage`; the outline is that of polar casting [m].
+    The selection is the metrics.json of `select`.
     """
+    results = selection["coverage"]
+    polar_casting_xy = np.array(selection["polar_casting"]["outline_xy"])
     panels: dict[tuple[bool, float], list[dict[str, Any]]] = {}
     for result in results:
         panels.setdefault((result["with_psi"], result["r0"]), []).append(result)

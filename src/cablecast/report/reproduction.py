@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import cablecast
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import (
     DRAW_COUNT,
@@ -26,7 +25,7 @@ from cablecast.evaluation.published import (
 from cablecast.files import read_csv
 from cablecast.report.curves import error_boxes
 from cablecast.report.maps import coverage_figure, ellipse_map
-from cablecast.report.page import SettingsLists, run_settings, template_environment
+from cablecast.report.page import SettingsLists, render_template, run_settings
 from cablecast.report.style import svg_uri
 from cablecast.report.tables import (
     Table,
@@ -194,8 +193,7 @@ def selection_part(results: Reproduction) -> Part | None:
     if selection is None:
         return None
     setup = results.setup(results.cables[0])
-    polar = np.array(selection["polar_casting"]["outline_xy"])
-    figure = coverage_figure(selection["coverage"], polar, setup.workspace, setup.cable.length)
+    figure = coverage_figure(selection, setup.workspace, setup.cable.length)
     ratio = selection["coverage"][0]["hull_ratio"]
     return Part(
         title="Choosing r0, v_max and psi (figures 6 and 7)",
@@ -356,13 +354,12 @@ def reproduction_page(
 
     It refers to no other file and no other host. Stages have titles and times [s].
     """
-    environment = template_environment()
     budget, rig = config["settings"]["budget"], config["settings"]["rig"]
     parts = all_parts(results)
     took = time_table(times)
     evaluations = [m for cable in results.cables for m in results.evaluations(cable).values()]
-    page = environment.get_template("reproduction.html").render(
-        version=cablecast.__version__,
+    page = render_template(
+        "reproduction.html",
         rig_phrase=_RIG_PHRASES.get(rig, f"on the rig {rig}"),
         target_count=max((metrics["target_count"] for metrics in evaluations), default=0),
         cables=results.cables,
