@@ -120,11 +120,7 @@ class AimResult:
 
 
 def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
-    """Check what aiming needs before its rig is connected.
-
-    Args:
-        config: Settings.
-        folder: Folder of the session and of the report.
+    """Check what aiming with a report needs before its rig is connected.
 
     Raises:
         InputError: The device is not here, or the folder is a file or holds something else.
@@ -561,10 +557,8 @@ def write_aim_report(
 ) -> Evaluation:
     """Write metrics, casts, the map of the tries, and the report of the last tries.
 
-    An earlier report in the folder is overwritten.
-
-    Returns:
-        The last cast at each target, with metrics; `tries` among these has one row per try.
+    An earlier report in the folder is overwritten. The last cast at each target is returned, with
+    metrics; `tries` among these has one row per try.
 
     Raises:
         MissingExtraError: A library that draws is missing.
