@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.data.dataset import StoredSettings
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import (
     DRAW_COUNT,
@@ -40,7 +41,7 @@ from cablecast.report.tables import (
     tuning_table,
 )
 from cablecast.runs.folder import Parts
-from cablecast.setup import SECTIONS, Setup
+from cablecast.setup import Setup
 
 _SETUP_STAGES = (*(f"evaluate-{method}" for method in METHOD_NAMES), "select", "repeat", "tune")
 """Stages whose settings hold the set-up; those that decide the figures come first."""
@@ -86,12 +87,7 @@ class Reproduction:
         """Return the set-up that a cable was cast with, as its stages recorded it."""
         for stage in _SETUP_STAGES:
             if (config := self.config(cable, stage)) is not None:
-                settings = config["settings"]
-                if missing := [name for name in SECTIONS if name not in settings]:
-                    raise InputError(
-                        f"{self.folder / cable / stage} does not record its {', '.join(missing)}"
-                    )
-                return Setup.from_dict({name: settings[name] for name in SECTIONS})
+                return StoredSettings(config, str(self.folder / cable / stage)).setup
         raise InputError(f"{self.folder} holds no finished stage of {cable} that tells its set-up")
 
     def evaluations(self, cable: str) -> dict[str, dict[str, Any]]:

@@ -8,10 +8,10 @@ import pathlib
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
-from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.conventions import Array
+from cablecast.data.dataset import Dataset, StoredSettings, read_dataset
 from cablecast.data.schema import INFO_PATH, read_info
 from cablecast.data.store import CastStore, dataset_cast
 from cablecast.engines.base import Engine
@@ -24,10 +24,8 @@ from cablecast.pipeline.evaluate import CASTS_FOLDER
 from cablecast.report.words import place_text
 from cablecast.runs.folder import Parts, RunFolder
 from cablecast.runs.places import TUNE_FOLDER
-from cablecast.setup import SECTIONS, Setup
+from cablecast.setup import Setup
 from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
-
-Array = NDArray[np.float64]
 
 FRAME_DT = 0.02
 """Interval of the shapes that are drawn [s]: half of the time between two pictures on a screen that
@@ -283,8 +281,7 @@ def _of_dataset(path: pathlib.Path, named: pathlib.Path) -> Collection:
 
 
 def _of_session(path: pathlib.Path, run: RunFolder) -> Collection:
-    setup = Setup.from_dict({name: run.settings.get(name, {}) for name in SECTIONS})
-    store = CastStore(setup, run.path)
+    store = CastStore(StoredSettings(run.config, str(path)).setup, run.path)
     targets = np.array([cast.target_xy for cast in store.casts]).reshape(-1, 2)
     tries = [cast.try_number for cast in store.casts]
     return _collection(store.dataset(range(len(store))), path, targets, tries)

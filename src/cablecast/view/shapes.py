@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import Arm
 from cablecast.arm.shape import GRIPPER_ROD_COUNT, arm_shape
+from cablecast.conventions import Array
 from cablecast.learning.policy import Policy
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
-Array = NDArray[np.float64]
 Color = tuple[int, int, int]
 
 # The palette of Okabe and Ito, as in report/style.py, which stays distinct under colour blindness.
