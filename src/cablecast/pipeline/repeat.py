@@ -57,12 +57,9 @@ _ACTION_COLUMNS = ("theta1_deg", "theta2_deg", "r2_m", "psi_deg")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Repeated:
-    """Scatter of equal casts by combination of speed and wrist turn.
+    """Scatter of equal casts by the name of their combination of speed and wrist turn.
 
-    Attributes:
-        results: Casts and scatter by the name of the combination.
-        metrics: Figures, as metrics.json holds them, with those of other combinations that earlier
-            runs measured into the folder.
+    The metrics have those of other combinations, too, that earlier runs measured into the folder.
     """
 
     results: dict[str, Repeatability]
@@ -100,14 +97,7 @@ def repeat(
         InputError: A value out of bounds, or a folder that holds something else.
         MissingExtraError: A picture is to be drawn, and matplotlib is missing.
     """
-    check_repeat(
-        combinations=combinations,
-        repeats=repeats,
-        action_count=action_count,
-        actions=actions,
-        seed=seed,
-        out=out,
-    )
+    check_repeat(combinations, repeats, action_count, actions, seed, out)
     chosen = None if actions is None else check_action_values(actions)
     settings = {
         **rig.setup.to_settings(),
@@ -149,7 +139,6 @@ def repeat(
 
 
 def check_repeat(
-    *,
     combinations: Sequence[Combination],
     repeats: int,
     action_count: int | None,

@@ -37,13 +37,7 @@ FIGURE_FILE = "coverage.png"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Selection:
-    """Chosen system parameters.
-
-    Attributes:
-        setup: Set-up with the chosen motion settings.
-        with_psi: Whether the wrist turns.
-        metrics: Coverage of every combination and the reasons, as metrics.json holds them.
-    """
+    """Set-up with the chosen r0 and v_max, whether the wrist turns, and why, as in metrics.json."""
 
     setup: Setup
     with_psi: bool
