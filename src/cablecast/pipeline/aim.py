@@ -226,11 +226,7 @@ def prepare_aim(
 
 
 def _keep_rig(folder: pathlib.Path, rig: CheckedRig) -> None:
-    """Note whose casts a folder has, so that none of another rig are taken for them.
-
-    Raises:
-        InputError: It has those of another rig.
-    """
+    """Note whose casts a folder has, so that none of another rig are taken for them."""
     parts, here = Parts(folder), plain_settings({"rig": dict(rig.description)})
     there = parts.get(RIG_PART)
     if there is None:
@@ -257,11 +253,7 @@ def _keep_fit(folder: pathlib.Path | None, tuned: Tuned) -> None:
 
 
 def _kept_fit(folder: pathlib.Path, setup: Setup) -> Tuned | None:
-    """Return the fit that a session began with; None for the believed cable.
-
-    Raises:
-        InputError: It was stopped before it was done.
-    """
+    """Return the fit that a session began with; None for the believed cable."""
     if not (folder / TUNE_FOLDER).exists():
         return None
     if not (folder / TUNE_FOLDER / PARAMS_FILE).is_file():
@@ -335,11 +327,7 @@ def _get_ready(setup: Setup, config: AimConfig) -> None:
 def _later_model(
     learning: "_Learning", store: CastStore, fit_all: bool, progress: ProgressCallback
 ) -> FittedModel | None:
-    """Return the model of a fit to all casts of a session; None for the one to its first casts.
-
-    Raises:
-        InputError: There are no casts yet to fit the simulator to, or fewer than the fit had.
-    """
+    """Return the model of a fit to all casts of a session; None for the one to its first casts."""
     newest = learning.newest_fit()
     if newest is None and not fit_all:
         return None

@@ -141,11 +141,7 @@ def engine_rig(model: LandingModel, device: str = "cpu", engine: str | None = No
 
 
 def check_rig_setup(rig: CheckedRig, policy: Policy) -> None:
-    """Refuse a rig whose set-up is not that of a policy.
-
-    Raises:
-        InputError: They differ; names each value.
-    """
+    """Refuse a rig whose set-up is not that of a policy; the error names each value."""
     there, here = rig.setup.to_settings(), policy.setup.to_settings()
     # The rig makes any motion: r0 and v_max are the policy's. What a cable is believed to be does
     # not matter to a rig either, but which cable it is does.

@@ -79,15 +79,11 @@ class Reproduction:
         """Return metrics.json of a stage; None where the stage has not been run."""
         return Parts(self.folder / cable / stage).get("metrics")
 
-    def config(self, cable: str, stage: str) -> dict[str, Any] | None:
-        """Return config.json of a stage; None where the stage has not been run."""
-        return Parts(self.folder / cable / stage).get("config")
-
     def setup(self, cable: str) -> Setup:
         """Return the set-up that a cable was cast with, as its stages recorded it."""
-        for stage in _SETUP_STAGES:
-            if (config := self.config(cable, stage)) is not None:
-                return StoredSettings(config, str(self.folder / cable / stage)).setup
+        for folder in (self.folder / cable / stage for stage in _SETUP_STAGES):
+            if (config := Parts(folder).get("config")) is not None:
+                return StoredSettings(config, str(folder)).setup
         raise InputError(f"{self.folder} holds no finished stage of {cable} that tells its set-up")
 
     def evaluations(self, cable: str) -> dict[str, dict[str, Any]]:
@@ -150,12 +146,6 @@ def order_of_methods(results: Reproduction) -> list[str]:
                 "half would be chance."
             )
     return sentences if len(sentences) > 1 else [*sentences, "This is the paper's order."]
-
-
-def all_parts(results: Reproduction) -> list[Part]:
-    """Return every section whose stages have been run, in the order of the paper."""
-    makers = (tuning_part, selection_part, model_part, method_part, cable_part, split_part)
-    return [part for maker in makers if (part := maker(results)) is not None]
 
 
 def tuning_part(results: Reproduction) -> Part | None:
@@ -351,7 +341,8 @@ def reproduction_page(
     It refers to no other file and no other host. Stages have titles and times [s].
     """
     budget, rig = config["settings"]["budget"], config["settings"]["rig"]
-    parts = all_parts(results)
+    makers = (tuning_part, selection_part, model_part, method_part, cable_part, split_part)
+    parts = [part for maker in makers if (part := maker(results)) is not None]
     took = time_table(times)
     evaluations = [m for cable in results.cables for m in results.evaluations(cable).values()]
     page = render_template(

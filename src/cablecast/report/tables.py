@@ -289,22 +289,13 @@ def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
     """Make table I: the simulator's distance from the rig before and after tuning, by cable."""
     rows = []
     for cable, metrics in tunings.items():
-        default, tuned = (metrics["validation"][name] for name in ("default", "tuned"))
-        distances = (
-            pct(default["final_median_pct"]),
-            pct(tuned["final_median_pct"]),
-            pct(default["mean_pct"]),
-            pct(tuned["mean_pct"]),
-        )
+        ours = [metrics["validation"][name] for name in ("default", "tuned")]
+        distances = [pct(row[key]) for key in ("final_median_pct", "mean_pct") for row in ours]
         rows.append(Row((cable, *distances, f"{metrics['simulation_count']:,}"), "ours"))
         if (paper := published_tuning(cable)) is not None:
-            distances = (
-                pct(paper.default_final_pct),
-                pct(paper.tuned_final_pct),
-                pct(paper.default_mean_pct),
-                pct(paper.tuned_mean_pct),
-            )
-            rows.append(Row((f"paper: {cable}", *distances, "not stated"), "paper"))
+            final = (pct(paper.default_final_pct), pct(paper.tuned_final_pct))
+            mean = (pct(paper.default_mean_pct), pct(paper.tuned_mean_pct))
+            rows.append(Row((f"paper: {cable}", *final, *mean, "not stated"), "paper"))
     return Table(
         title="Distance between simulated and measured endpoints on validation casts",
         heads=(

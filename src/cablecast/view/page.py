@@ -39,7 +39,7 @@ from cablecast.view.words import (
     tries_text,
     try_name,
 )
-from cablecast.view.worker import Work, Worker, WorkState
+from cablecast.view.worker import Work, Worker
 
 if TYPE_CHECKING:
     import viser
@@ -404,7 +404,10 @@ class Page:
             update(other, visible=phase is Phase.DONE or stopped, disabled=busy)
             update(anyway, visible=stopped, disabled=busy)
             update(stop, visible=busy)
-            _refresh_bar(bar, state)
+            # A full bar where the work does not say how far it is.
+            work = state.progress
+            share = 1.0 if work is None or not work.total else work.done / work.total
+            update(bar, visible=busy, value=round(100.0 * share, 1))
             steps = tour_text(desk, state)
             update(tour, visible=bool(steps), content=steps)
             update(tries, visible=bool(desk.tries))
@@ -533,13 +536,6 @@ class Page:
                 update(folder, visible=last is not None or bool(words))
 
         threading.Thread(target=watch, name="camera", daemon=True).start()
-
-
-def _refresh_bar(bar: Any, state: WorkState) -> None:
-    """Show how far some work is; a full bar where it does not say."""
-    progress = state.progress
-    share = 1.0 if progress is None or not progress.total else progress.done / progress.total
-    update(bar, visible=bool(state.name), value=round(100.0 * share, 1))
 
 
 def shrunk(picture: NDArray[np.uint8], width: int = _CAMERA_WIDTH) -> NDArray[np.uint8]:
