@@ -19,6 +19,7 @@ from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig, f
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
+from cablecast.engines import make_engine
 from cablecast.errors import SEED_MAX, CablecastError, InputError, says_what_it_takes
 from cablecast.evaluation.evaluate import (
     Evaluation,
@@ -27,7 +28,7 @@ from cablecast.evaluation.evaluate import (
     summarise_errors,
 )
 from cablecast.files import write_bytes, write_text
-from cablecast.learning.checkpoint import import_torch
+from cablecast.learning.checkpoint import check_device, import_torch
 from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy
 from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_grid, feasible_ranges
@@ -38,6 +39,9 @@ from cablecast.pipeline.places import require
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
+from cablecast.report.maps import tries_map
+from cablecast.report.page import report_page
+from cablecast.report.style import png_bytes, svg_uri
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import (
     METRICS_FILE,
@@ -142,9 +146,6 @@ def _check_folder(path: pathlib.Path) -> None:
 def _check_machine(config: AimConfig, *modules: str) -> None:
     """Check that the libraries and the device are here."""
     require("aiming", "torch", "safetensors", *modules)
-    from cablecast.engines import make_engine
-    from cablecast.learning.checkpoint import check_device
-
     make_engine("warp", device=config.device)
     check_device(config.device)
 
@@ -552,10 +553,6 @@ def write_aim_report(
         MissingExtraError: A library that draws is missing.
     """
     require("the report of aim", "matplotlib", "jinja2")
-    from cablecast.report.maps import tries_map
-    from cablecast.report.page import report_page
-    from cablecast.report.style import png_bytes, svg_uri
-
     folder, session = pathlib.Path(folder), result.session
     every = _evaluation(result, rig)
     counts = np.array([len(casts) for casts in result.casts])

@@ -20,6 +20,9 @@ from cablecast.files import write_bytes, write_text
 from cablecast.learning.landing import LandingModel
 from cablecast.learning.policy import ForwardSearchPolicy, PlanMethod, Policy
 from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.report.maps import landing_map
+from cablecast.report.page import report_page
+from cablecast.report.style import png_bytes
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
@@ -162,10 +165,6 @@ def _split(evaluation: Evaluation, policy: Policy, device: str) -> dict[str, Any
 
 
 def _write_files(run: RunFolder, evaluation: Evaluation, policy: Policy) -> None:
-    from cablecast.report.maps import landing_map
-    from cablecast.report.page import report_page
-    from cablecast.report.style import png_bytes
-
     save_trials(evaluation, run.path / TRIALS_FILE)
     simulated_xy, info = None, {}
     if isinstance(policy, ForwardSearchPolicy):

@@ -32,6 +32,8 @@ from cablecast.files import read_numbers, write_bytes
 from cablecast.motion.action import check_action_values
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.report.maps import repeatability_map
+from cablecast.report.style import png_bytes
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder, plain_settings, refuse_other_work
 from cablecast.runs.progress import Progress, ProgressCallback, show
@@ -213,9 +215,6 @@ def _finish(
     """Draw the landings and store the metrics, unless an earlier run has done so."""
     if run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file():
         return
-    from cablecast.report.maps import repeatability_map
-    from cablecast.report.style import png_bytes
-
     progress(Progress(task="Drawing the landings"))
     figure = repeatability_map(_drawn(run, metrics, results), rig.setup.workspace)
     write_bytes(run.path / FIGURE_FILE, png_bytes(figure))

@@ -25,6 +25,8 @@ from cablecast.evaluation.coverage import (
 from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.repeat import Repeated, combination
+from cablecast.report.maps import coverage_figure
+from cablecast.report.style import png_bytes
 from cablecast.runs.folder import RunFolder, settings_differences
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.runs.workers import LOCAL, connected
@@ -191,9 +193,6 @@ def _survey(
 
 
 def _draw(run: RunFolder, setup: Setup, metrics: dict[str, Any]) -> None:
-    from cablecast.report.maps import coverage_figure
-    from cablecast.report.style import png_bytes
-
     figure = coverage_figure(metrics, setup.workspace, setup.cable.length)
     write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
 

@@ -32,13 +32,7 @@ _POSE_COUNT = 24  # Poses at which the two arms are compared.
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One mesh of an arm.
-
-    Attributes:
-        vertices: Vertices in the frame of its body [m], shape [vertex, 3].
-        faces: Vertices of each triangle, shape [face, 3].
-        color: Colour.
-    """
+    """Vertices [m], shape [vertex, 3], and triangles of a mesh, in the frame of its body."""
 
     vertices: Array
     faces: NDArray[np.integer]

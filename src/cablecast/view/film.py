@@ -18,6 +18,7 @@ from cablecast.files import write_bytes, write_text
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.view.look import Shot
+from cablecast.view.scene import Figure, Table, start_server, stop_server
 from cablecast.view.shapes import (
     ARM,
     BLUE,
@@ -339,8 +340,6 @@ def film_html(
     setup: Setup, shots: Sequence[Shot], config: FilmConfig, progress: ProgressCallback
 ) -> str:
     """Return casts as one HTML file that holds all that it needs: to turn, zoom and play."""
-    from cablecast.view.scene import Figure, Table, start_server, stop_server
-
     server = start_server("127.0.0.1", 0)
     try:
         camera = server.initial_camera

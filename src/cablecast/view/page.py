@@ -83,11 +83,6 @@ class Page:
 
     The worker calls `prepare` to get the desk ready for the first target. `folder` holds the
     session. The arm is drawn as rods without meshes, at a rate in frames a second [1/s].
-
-    Attributes:
-        server: Server of the page.
-        stage: What is seen of the table.
-        look: Casts of a folder.
     """
 
     def __init__(
@@ -559,13 +554,10 @@ def slid_params(base: CableParams, exponents: dict[str, float]) -> CableParams:
 
 
 class LookTab:
-    """Casts of a folder, measured and simulated side by side, with sliders of the parameters.
-
-    Attributes:
-        shown: Motions of the chosen cast that are shown, by the names of their figures.
-    """
+    """Casts of a folder, measured and simulated side by side, with sliders of the parameters."""
 
     def __init__(self, page: Page, gui: Any, folder: pathlib.Path):
+        # Motions of the chosen cast, by the names of their figures.
         self.shown: dict[str, ShownCast] = {}
         self._page = page
         self._collection: Collection | None = None

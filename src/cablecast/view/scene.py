@@ -506,7 +506,6 @@ class Player:
     Attributes:
         time: Time that is shown [s].
         speed: Shown seconds per second.
-        playing: True while the time runs.
         frame_count: Number of frames shown so far.
         on_frame: Called with the time [s] at every frame, e.g. to move a slider.
     """
