@@ -135,8 +135,13 @@ def repeat(
                 if out is not None:
                     save_actions(results[name], run.path / name / ACTIONS_FILE)
             metrics = _with_earlier(run.metrics, list(results.values()))
-            if out is not None:
-                _finish(run, metrics, results, rig, progress)
+            # Unless an earlier run has done so.
+            stored = run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file()
+            if out is not None and not stored:
+                progress(Progress(task="Drawing the landings"))
+                figure = repeatability_map(_drawn(run, metrics, results), rig.setup.workspace)
+                write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
+                run.finish(metrics)
     return Repeated(results=results, metrics=metrics)
 
 
@@ -203,22 +208,6 @@ def _drawn(
             if combination(earlier.to_dict()) in wanted:
                 drawn.append(earlier)
     return sorted(drawn, key=lambda result: combination(result.to_dict()))
-
-
-def _finish(
-    run: RunFolder,
-    metrics: dict[str, Any],
-    results: dict[str, Repeatability],
-    rig: CheckedRig,
-    progress: ProgressCallback,
-) -> None:
-    """Draw the landings and store the metrics, unless an earlier run has done so."""
-    if run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file():
-        return
-    progress(Progress(task="Drawing the landings"))
-    figure = repeatability_map(_drawn(run, metrics, results), rig.setup.workspace)
-    write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
-    run.finish(metrics)
 
 
 def read_actions(path: str | os.PathLike[str]) -> Array:

@@ -118,7 +118,8 @@ def select(
                     progress,
                 )
                 if out is not None:
-                    _draw(run, setup, metrics)
+                    figure = coverage_figure(metrics, setup.workspace, setup.cable.length)
+                    write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
                     run.finish(metrics)
         else:
             progress(Progress(task=f"Selecting for {setup.cable.name}", note=DONE_NOTE))
@@ -190,11 +191,6 @@ def _survey(
             "reasons": list(reasons),
         },
     }
-
-
-def _draw(run: RunFolder, setup: Setup, metrics: dict[str, Any]) -> None:
-    figure = coverage_figure(metrics, setup.workspace, setup.cable.length)
-    write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
 
 
 def load_repeated(folder: str | os.PathLike[str], cable: Cable) -> list[dict[str, Any]]:
