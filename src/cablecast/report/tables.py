@@ -5,7 +5,7 @@ Errors are in % of cable length. Rows of the paper stand below ours.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES
@@ -83,6 +83,12 @@ def _plain(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
+def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in GitHub's Markdown."""
+    lines = [heads, [":--"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
 class Row(NamedTuple):
     """One row of a table: its cells, the first being its name, and its kind, which is its style.
 
@@ -103,13 +109,12 @@ class Table:
     note: str = ""
 
     def to_markdown(self) -> str:
-        """Return the table in GitHub's Markdown, with its title and note."""
-        lines = [f"**{self.title}**", ""]
-        lines.append("| " + " | ".join(self.heads) + " |")
-        lines.append("|" + "---|" * len(self.heads))
-        for row in self.rows:
-            cells = [f"**{cell}**" if row.kind == "ours" and cell else cell for cell in row.cells]
-            lines.append("| " + " | ".join(cells) + " |")
+        """Return the table in Markdown, with its title and note."""
+        rows = [
+            [f"**{cell}**" if row.kind == "ours" and cell else cell for cell in row.cells]
+            for row in self.rows
+        ]
+        lines = [f"**{self.title}**", "", markdown_table(self.heads, rows)]
         if self.note:
             lines += ["", self.note]
         return "\n".join(lines) + "\n"
