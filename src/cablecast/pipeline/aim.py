@@ -179,9 +179,6 @@ def prepare_aim(
         out: Folder that keeps everything and lets stopped work go on; none where None.
         progress: Told how far each step is.
 
-    Returns:
-        A session that is conditioned on the casts.
-
     Raises:
         InputError: A value is out of bounds, or the folder holds something else.
         RigError: A cast failed too often.
@@ -478,9 +475,6 @@ def aim(
         on_refit: Called with the session and the reason of a new fit that is due, in place of
             `session.refit(progress)`.
         progress: Told how many targets are done, and how far a new fit is.
-
-    Returns:
-        The casts at every target.
 
     Raises:
         TargetError: A target is not finite, out of reach, or off the table.

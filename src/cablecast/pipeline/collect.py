@@ -67,9 +67,6 @@ def collect(
         out: Folder that keeps the casts and lets a stopped run go on; none where None.
         progress: Receives the number of casts done.
 
-    Returns:
-        The casts.
-
     Raises:
         RigError: A cast failed too often.
         DatasetError: The folder holds something else. Casts that are finished are kept.
