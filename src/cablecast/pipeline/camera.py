@@ -74,7 +74,7 @@ def check_camera(setup: Setup, *, seconds: float = 3.0, tip_speed: float = 5.0) 
 
 
 def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOffset:
-    """Measure the offset between the clocks of robot and camera with one cast of the robot.
+    """Measure the offset between the clocks of robot and camera with one cast, `SYNC_ACTION`.
 
     Raises:
         CameraError: The camera failed, or the cast was aborted.

@@ -67,7 +67,7 @@ class Preview:
 class Desk:
     """State of the table and of the tries at it.
 
-    The engine simulates the previews.
+    The engine simulates the previews; it is the usual one where None.
 
     Attributes:
         setup: Set-up of the rig.
