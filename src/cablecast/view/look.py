@@ -306,6 +306,8 @@ def _collection(
 
     That is the newest fit of a session, or what lies in the folder, or else beside it.
     """
+    if not len(dataset):
+        raise DatasetError(f"{path} holds no cast yet")
     labels = []
     for number, (target, try_number) in enumerate(zip(targets, tries, strict=True)):
         label = f"cast {number}"

@@ -597,8 +597,6 @@ class LookTab:
             DatasetError: It holds none.
         """
         collection = open_collection(pathlib.Path(folder.strip()).expanduser())
-        if not len(collection):
-            raise InputError(f"{folder} holds no cast yet")
         if collection.setup.workspace != self._page.desk.setup.workspace:
             raise InputError("these casts were made on another table than the page shows")
         self._collection = collection
