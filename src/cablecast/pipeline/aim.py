@@ -124,12 +124,7 @@ class AimResult:
 
 
 def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
-    """Check what aiming with a report needs before its rig is connected.
-
-    Raises:
-        InputError: The device is not here, or the folder is a file or holds something else.
-        MissingExtraError: A library is missing.
-    """
+    """Raise the errors of aiming with a report that are known before its rig is connected."""
     _check_machine(config, "matplotlib", "jinja2")
     _check_folder(pathlib.Path(folder))
 
@@ -180,7 +175,8 @@ def prepare_aim(
         progress: Told how far each step is.
 
     Raises:
-        InputError: A value is out of bounds, or the folder holds something else.
+        InputError: A value is out of bounds, the device is not here, or the folder holds something
+            else.
         RigError: A cast failed too often.
         MissingExtraError: A library that a later step needs is missing.
     """

@@ -65,7 +65,8 @@ def evaluate(
         The casts; `summary` holds the quartiles of the errors in % of cable length.
 
     Raises:
-        InputError: The rig has another set-up than the policy, or a value is out of bounds.
+        InputError: The rig has another set-up than the policy, a value is out of bounds, the device
+            is not here, or the folder holds other work.
         TargetError: A target that cannot be asked for.
         RigError: A cast failed too often.
         MissingExtraError: A report is to be written, and matplotlib or jinja2 is missing.
@@ -116,13 +117,7 @@ def check_evaluate(
     device: str = "cpu",
     out: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Check what `evaluate` is asked for, before a rig is connected; see there.
-
-    Raises:
-        InputError: A number is out of bounds, the device is not here, or the folder holds other
-            work.
-        MissingExtraError: A report is to be written, and matplotlib or jinja2 is missing.
-    """
+    """Raise the errors of `evaluate` that are known before a rig is connected."""
     check_count("repeats", repeats, high=REPEAT_MAX)
     if out is not None:
         require("the report", "matplotlib", "jinja2")

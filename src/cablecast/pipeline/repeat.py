@@ -153,12 +153,7 @@ def check_repeat(
     seed: int,
     out: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Check what `repeat` is asked for, before a rig is connected.
-
-    Raises:
-        InputError: A name is unknown, a number is out of bounds, or the folder holds other work.
-        MissingExtraError: A picture is to be drawn, and matplotlib is missing.
-    """
+    """Raise the errors of `repeat` that are known before a rig is connected."""
     if not combinations or any(name not in COMBINATIONS for name in combinations):
         raise InputError(
             f"combinations {str(list(combinations))[:80]} must be some of {', '.join(COMBINATIONS)}"
