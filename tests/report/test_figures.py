@@ -52,7 +52,7 @@ def draw_coverage(evaluation, workspace):
 def draw_tracks(evaluation, workspace):
     xy = np.stack([trial.track.endpoint_xy for trial in evaluation.casts[:2]])
     tracks = types.SimpleNamespace(endpoint_xy=xy, compared=np.isfinite(xy).all(axis=2))
-    return track_panels(tracks, [("tuned", xy + 0.01)], workspace, [0, 1], 0.62)
+    return track_panels(tracks, xy + 0.02, xy + 0.01, workspace, [0, 1], 0.62)
 
 
 MAPS = {

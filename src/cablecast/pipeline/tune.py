@@ -217,7 +217,8 @@ def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: Tun
     tuned, _ = objective.tracks_of(result.params)
     figure = track_panels(
         validation,
-        [("default parameters", believed[0, :, :-1]), ("tuned parameters", tuned[0, :, :-1])],
+        believed[0, :, :-1],
+        tuned[0, :, :-1],
         casts.setup.workspace,
         spread_choice(result.validation.mean[1], 9),
         cable.length,
