@@ -45,13 +45,14 @@ def draw_ellipses(evaluation, workspace):
 def draw_coverage(evaluation, workspace):
     hull = [[0.0, 0.6], [0.4, 0.9], [-0.4, 0.9], [0.0, 0.6]]
     result = {"with_psi": False, "r0": 0.6, "v_max": 1.5, "share": 0.2, "hulls_xy": [hull]}
-    return coverage_figure([result], np.array(hull), workspace, evaluation.cable.length)
+    selection = {"coverage": [result], "polar_casting": {"outline_xy": hull}}
+    return coverage_figure(selection, workspace, evaluation.cable.length)
 
 
 def draw_tracks(evaluation, workspace):
     xy = np.stack([trial.track.endpoint_xy for trial in evaluation.casts[:2]])
     tracks = types.SimpleNamespace(endpoint_xy=xy, compared=np.isfinite(xy).all(axis=2))
-    return track_panels(tracks, [("tuned", xy + 0.01)], workspace, [0, 1], 0.62)
+    return track_panels(tracks, xy + 0.02, xy + 0.01, workspace, [0, 1], 0.62)
 
 
 MAPS = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cablecast.errors import DamagedFileError, InputError
+from cablecast.errors import DamagedFileError, DatasetError, InputError
 from cablecast.evaluation.evaluate import evaluation_metrics, save_trials
 from cablecast.evaluation.published import BEST_METHOD
 from cablecast.report.maps import ellipse_map
@@ -76,7 +76,7 @@ def test_a_stage_that_does_not_record_its_arm_is_refused(results):
     config = parts.get("config")
     del config["settings"]["arm"]
     parts.put("config", config)
-    with pytest.raises(InputError, match="does not record its arm"):
+    with pytest.raises(DatasetError, match="lack arm"):
         results.setup("cable_1")
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cablecast.aiming.config import AimConfig
 from cablecast.cli import tables
+from cablecast.cli.evaluate import print_table
 from cablecast.cli.options import (
     CableName,
     LabFile,
@@ -158,8 +159,6 @@ class Aim(AimConfig, _Targets):
         else:
             print_tries(result)
         if self.paper_targets and evaluation is not None:
-            from cablecast.cli.evaluate import print_table
-
             print_table(evaluation.metrics, published_rows(name))
         for line in outside:
             print(line)
@@ -301,9 +300,8 @@ def print_tries(result: "AimResult") -> None:
     """Print the errors after each try."""
     from cablecast.report.tables import pct
 
-    table = tables.make_table("Miss after each try, in % of cable length; no landing is a miss")
-    for name in ("try", "median", "q1", "q3", "without landing"):
-        table.add_column(name, justify="right")
+    title = "Miss after each try, in % of cable length; no landing is a miss"
+    table = tables.make_table(title, "try", "median", "q1", "q3", "without landing")
     for row in result.try_rows:
         names = ("median_pct", "first_quartile_pct", "third_quartile_pct")
         cells = [pct(row[name]) for name in names]

@@ -87,7 +87,7 @@ class Calibrate:
         print(f"base      {fit.base_height:.4f} m above the table, yaw {fit.base_yaw_deg:.2f} deg")
         x, y = fit.axis_xy
         print(f"axis      x = {x:.4f} m, y = {y:.4f} m in the frame of the tags, now the origin")
-        drop = 1e3 * setup.workspace.r_max * fit.tilt_deg * 0.0174533
+        drop = 1e3 * setup.workspace.r_max * math.radians(fit.tilt_deg)
         print(f"tilt      {fit.tilt_deg:.2f} deg, {drop:.1f} mm at r_max")
         if drop > 3.0:
             print("change: shim the base or the table until the tilt is below 3 mm at r_max")

@@ -33,14 +33,9 @@ class Export:
         from cablecast.pipeline.export import export_dataset
 
         casts = read_dataset(self.dataset)
-        out = self.out or _beside(self.dataset)
+        # `.` and `..` name a folder without saying its name.
+        named = self.dataset if self.dataset.name not in ("", "..") else self.dataset.resolve()
+        out = self.out or named.with_name(f"{named.name}-lerobot")
         with console_progress() as progress:
             export_dataset(casts, out, fps=self.fps, films=self.films, progress=progress)
         print(f"{len(casts)} casts of {casts.cable.name} are in {out}")
-
-
-def _beside(dataset: pathlib.Path) -> pathlib.Path:
-    """Return the folder beside a dataset that holds its export."""
-    # `.` and `..` name a folder without saying its name.
-    named = dataset if dataset.name not in ("", "..") else dataset.resolve()
-    return named.with_name(f"{named.name}-lerobot")

@@ -48,8 +48,6 @@ class Film:
         options = picked(self, "width", "height", "speed")
         config = FilmConfig(**options, frames_per_second=self.fps)
         collection = open_collection(self.casts)
-        if not len(collection):
-            raise InputError(f"{self.casts} holds no cast yet")
         engine = EngineWarp()
         chosen = self.select or (len(collection) - 1,)
         shots = [collection.shot(index, engine) for index in chosen]

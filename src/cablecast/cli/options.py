@@ -71,10 +71,6 @@ class TargetOptions:
     def targets(self, setup: "Setup", most: int | None = None) -> "NDArray[np.float64]":
         """Return the targets [m], shape [target, 2], those of --target first.
 
-        Args:
-            setup: Table, arm and cable.
-            most: Largest number of them.
-
         Raises:
             InputError: There are too many.
             TargetError: One is not finite, out of reach, or off the table.
@@ -243,7 +239,8 @@ def open_rig(
 
 def polar_text(xy: Any) -> str:
     """Return a point on the table in polar and Cartesian coordinates."""
-    x, y = float(xy[0]), float(xy[1])
-    theta_deg = math.degrees(math.atan2(x, y))
-    r = math.hypot(x, y)
+    from cablecast.conventions import xy_to_polar
+
+    (x, y), (r, theta) = xy, xy_to_polar(xy)
+    theta_deg = math.degrees(theta)
     return f"r = {r:.3f} m, theta = {theta_deg:.1f} deg (x = {x:.3f} m, y = {y:.3f} m)"

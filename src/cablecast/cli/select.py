@@ -74,10 +74,9 @@ def print_choice(metrics: dict[str, Any]) -> None:
     from cablecast.report.tables import pct
 
     ratio = metrics["coverage"][0]["hull_ratio"]
-    table = tables.make_table("Share of the reachable half disc")
-    table.caption = f"Concave hulls of ratio {ratio:g}; scatter in % of cable length."
-    for name in ("r0 [m]", "v_max [m/s]", "psi", "casts", "coverage [%]", "scatter [%]"):
-        table.add_column(name, justify="right", no_wrap=True)
+    heads = ("r0 [m]", "v_max [m/s]", "psi", "casts", "coverage [%]", "scatter [%]")
+    caption = f"Concave hulls of ratio {ratio:g}; scatter in % of cable length."
+    table = tables.make_table("Share of the reachable half disc", *heads, caption=caption)
     chosen = metrics["choice"]
     for row in metrics["coverage"]:
         scatter_pct = (row["repeatability"] or {}).get("distance_sd_pct")

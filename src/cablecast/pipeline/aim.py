@@ -19,6 +19,7 @@ from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig, f
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
+from cablecast.engines import make_engine
 from cablecast.errors import SEED_MAX, CablecastError, InputError, says_what_it_takes
 from cablecast.evaluation.evaluate import (
     Evaluation,
@@ -27,7 +28,7 @@ from cablecast.evaluation.evaluate import (
     summarise_errors,
 )
 from cablecast.files import write_bytes, write_text
-from cablecast.learning.checkpoint import import_torch
+from cablecast.learning.checkpoint import check_device, import_torch
 from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy
 from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_grid, feasible_ranges
@@ -38,6 +39,9 @@ from cablecast.pipeline.places import require
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
+from cablecast.report.maps import tries_map
+from cablecast.report.page import report_page
+from cablecast.report.style import png_bytes, svg_uri
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import (
     METRICS_FILE,
@@ -120,16 +124,7 @@ class AimResult:
 
 
 def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
-    """Check what aiming needs before its rig is connected.
-
-    Args:
-        config: Settings.
-        folder: Folder of the session and of the report.
-
-    Raises:
-        InputError: The device is not here, or the folder is a file or holds something else.
-        MissingExtraError: A library is missing.
-    """
+    """Raise the errors of aiming with a report that are known before its rig is connected."""
     _check_machine(config, "matplotlib", "jinja2")
     _check_folder(pathlib.Path(folder))
 
@@ -146,9 +141,6 @@ def _check_folder(path: pathlib.Path) -> None:
 def _check_machine(config: AimConfig, *modules: str) -> None:
     """Check that the libraries and the device are here."""
     require("aiming", "torch", "safetensors", *modules)
-    from cablecast.engines import make_engine
-    from cablecast.learning.checkpoint import check_device
-
     make_engine("warp", device=config.device)
     check_device(config.device)
 
@@ -182,11 +174,9 @@ def prepare_aim(
         out: Folder that keeps everything and lets stopped work go on; none where None.
         progress: Told how far each step is.
 
-    Returns:
-        A session that is conditioned on the casts.
-
     Raises:
-        InputError: A value is out of bounds, or the folder holds something else.
+        InputError: A value is out of bounds, the device is not here, or the folder holds something
+            else.
         RigError: A cast failed too often.
         MissingExtraError: A library that a later step needs is missing.
     """
@@ -230,11 +220,7 @@ def prepare_aim(
 
 
 def _keep_rig(folder: pathlib.Path, rig: CheckedRig) -> None:
-    """Note whose casts a folder has, so that none of another rig are taken for them.
-
-    Raises:
-        InputError: It has those of another rig.
-    """
+    """Note whose casts a folder has, so that none of another rig are taken for them."""
     parts, here = Parts(folder), plain_settings({"rig": dict(rig.description)})
     there = parts.get(RIG_PART)
     if there is None:
@@ -261,11 +247,7 @@ def _keep_fit(folder: pathlib.Path | None, tuned: Tuned) -> None:
 
 
 def _kept_fit(folder: pathlib.Path, setup: Setup) -> Tuned | None:
-    """Return the fit that a session began with; None for the believed cable.
-
-    Raises:
-        InputError: It was stopped before it was done.
-    """
+    """Return the fit that a session began with; None for the believed cable."""
     if not (folder / TUNE_FOLDER).exists():
         return None
     if not (folder / TUNE_FOLDER / PARAMS_FILE).is_file():
@@ -339,11 +321,7 @@ def _get_ready(setup: Setup, config: AimConfig) -> None:
 def _later_model(
     learning: "_Learning", store: CastStore, fit_all: bool, progress: ProgressCallback
 ) -> FittedModel | None:
-    """Return the model of a fit to all casts of a session; None for the one to its first casts.
-
-    Raises:
-        InputError: There are no casts yet to fit the simulator to, or fewer than the fit had.
-    """
+    """Return the model of a fit to all casts of a session; None for the one to its first casts."""
     newest = learning.newest_fit()
     if newest is None and not fit_all:
         return None
@@ -494,9 +472,6 @@ def aim(
             `session.refit(progress)`.
         progress: Told how many targets are done, and how far a new fit is.
 
-    Returns:
-        The casts at every target.
-
     Raises:
         TargetError: A target is not finite, out of reach, or off the table.
         RigError: A cast failed too often. Earlier casts are kept.
@@ -561,19 +536,13 @@ def write_aim_report(
 ) -> Evaluation:
     """Write metrics, casts, the map of the tries, and the report of the last tries.
 
-    An earlier report in the folder is overwritten.
-
-    Returns:
-        The last cast at each target, with metrics; `tries` among these has one row per try.
+    An earlier report in the folder is overwritten. The last cast at each target is returned, with
+    metrics; `tries` among these has one row per try.
 
     Raises:
         MissingExtraError: A library that draws is missing.
     """
     require("the report of aim", "matplotlib", "jinja2")
-    from cablecast.report.maps import tries_map
-    from cablecast.report.page import report_page
-    from cablecast.report.style import png_bytes, svg_uri
-
     folder, session = pathlib.Path(folder), result.session
     every = _evaluation(result, rig)
     counts = np.array([len(casts) for casts in result.casts])

@@ -51,12 +51,9 @@ _HEIGHT_OFF_MAX = 0.05
 
 
 def check_camera(setup: Setup, *, seconds: float = 3.0, tip_speed: float = 5.0) -> CameraReport:
-    """Look at what a camera sends, and compare it with what was asked.
+    """Look for a time [s] at what a camera sends, and compare it with what was asked.
 
-    Args:
-        setup: Set-up with the section `camera`.
-        seconds: Time to look, by the camera's clock [s].
-        tip_speed: Speed of the cable's end for which the blur is stated [m/s].
+    The blur is stated for a speed of the cable's end [m/s].
 
     Raises:
         CameraError: There is no camera, or it cannot be opened.
@@ -77,11 +74,7 @@ def check_camera(setup: Setup, *, seconds: float = 3.0, tip_speed: float = 5.0) 
 
 
 def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOffset:
-    """Measure the offset between the clocks of robot and camera with one cast of the robot.
-
-    Args:
-        setup: Set-up with the section `camera`.
-        make_rig: Makes the rig that uses a camera; it is reset, and casts straight ahead.
+    """Measure the offset between the clocks of robot and camera with one cast, `SYNC_ACTION`.
 
     Raises:
         CameraError: The camera failed, or the cast was aborted.
@@ -104,15 +97,9 @@ def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOf
 
 
 def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffset:
-    """Measure the offset of the clocks from a film of a swing, and the robot's log of it.
+    """Measure the time of the robot's clock at the first frame of a film of a swing.
 
-    Args:
-        setup: Set-up with the section `camera`.
-        film: Film, whose times count from its first frame.
-        log: CSV file of the robot's report: time_s [s] and the joints from q1 on [rad].
-
-    Returns:
-        Time of the robot's clock at the film's first frame.
+    The log is a CSV file of the robot's report: time_s [s] and the joints from q1 on [rad].
 
     Raises:
         InputError: A file makes no sense, or the motion was too short, or not seen.
@@ -159,13 +146,9 @@ def calibrate_table(
 ) -> TableFit:
     """Find where the robot stands at the table, and write it into the lab file.
 
-    Written are `base_height` and `base_yaw_deg` of the arm, `table_near_y` of the workspace, and
-    the `tags` of the camera, all from the axis of the robot's first joint.
-
-    Args:
-        lab_file: Lab file with the section `camera`, whose tags were measured with a tape.
-        touched: Points in the controller's base frame by the number of the tag [m].
-        write: Whether to write into the lab file.
+    The touched points are in the controller's base frame, by the number of the tag [m]. Written are
+    `base_height` and `base_yaw_deg` of the arm, `table_near_y` of the workspace, and the `tags` of
+    the camera, all from the axis of the robot's first joint.
 
     Raises:
         InputError: The touches give no pose or another height of the base than the lab file, or
@@ -210,14 +193,8 @@ def calibrate_lens_of(
 ) -> LensFit:
     """Find the lens of the camera from a board, and write it into the lab file.
 
-    Args:
-        lab_file: Lab file with the section `camera`.
-        board: Board that is shown; the default one where None, in either pattern.
-        pictures: Folder of pictures of it; taken from the camera where None, whenever the board is
-            held still at a new place.
-        count: Pictures to take from the camera.
-        write: Whether to write into the lab file.
-        progress: Called with the number of pictures taken.
+    Without a folder of pictures, `count` of them are taken from the camera, whenever the board is
+    held still at a new place.
 
     Raises:
         CameraError: The camera failed.

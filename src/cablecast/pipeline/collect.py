@@ -67,13 +67,10 @@ def collect(
         out: Folder that keeps the casts and lets a stopped run go on; none where None.
         progress: Receives the number of casts done.
 
-    Returns:
-        The casts.
-
     Raises:
         RigError: A cast failed too often.
         DatasetError: The folder holds something else. Casts that are finished are kept.
-        InputError: A count or seed is out of bounds.
+        InputError: A name is unknown, or a count or seed is out of bounds.
     """
     check_collect(purpose=purpose, count=count, sampling=sampling, seed=seed, out=out)
     setup = rig.setup
@@ -116,12 +113,7 @@ def check_collect(
     seed: int,
     out: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Check what `collect` is asked for, before a rig is connected.
-
-    Raises:
-        InputError: A name is unknown, or a number is out of bounds.
-        DatasetError: The folder holds other work.
-    """
+    """Raise the errors of `collect` that are known before a rig is connected."""
     if purpose not in TRIAL_COUNTS:
         raise InputError(f"purpose {str(purpose)[:40]!r} must be one of {', '.join(TRIAL_COUNTS)}")
     if sampling not in (None, "uniform", "grid", "spread"):

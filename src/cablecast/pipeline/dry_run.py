@@ -18,6 +18,7 @@ from cablecast.rigs.ur.link import BY_HAND, UrLink, check_ready
 from cablecast.rigs.ur.program import JointCurve, check_path
 from cablecast.rigs.ur.rig import RESET_DT, check_lab, reset_motions
 from cablecast.setup import Setup
+from cablecast.vision.trials import CameraOfTrials
 
 _SLOW_ANSWER = 1.0
 
@@ -111,8 +112,6 @@ def _check_controller(setup: Setup, robot: RobotConfig) -> list[Finding]:
 
 
 def _check_camera(setup: Setup) -> Finding:
-    from cablecast.vision.trials import CameraOfTrials
-
     try:
         with CameraOfTrials(setup) as camera:
             camera.check()

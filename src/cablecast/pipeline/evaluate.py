@@ -20,6 +20,9 @@ from cablecast.files import write_bytes, write_text
 from cablecast.learning.landing import LandingModel
 from cablecast.learning.policy import ForwardSearchPolicy, PlanMethod, Policy
 from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.report.maps import landing_map
+from cablecast.report.page import report_page
+from cablecast.report.style import png_bytes
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
@@ -62,7 +65,8 @@ def evaluate(
         The casts; `summary` holds the quartiles of the errors in % of cable length.
 
     Raises:
-        InputError: The rig has another set-up than the policy, or a value is out of bounds.
+        InputError: The rig has another set-up than the policy, a value is out of bounds, the device
+            is not here, or the folder holds other work.
         TargetError: A target that cannot be asked for.
         RigError: A cast failed too often.
         MissingExtraError: A report is to be written, and matplotlib or jinja2 is missing.
@@ -113,13 +117,7 @@ def check_evaluate(
     device: str = "cpu",
     out: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Check what `evaluate` is asked for, before a rig is connected; see there.
-
-    Raises:
-        InputError: A number is out of bounds, the device is not here, or the folder holds other
-            work.
-        MissingExtraError: A report is to be written, and matplotlib or jinja2 is missing.
-    """
+    """Raise the errors of `evaluate` that are known before a rig is connected."""
     check_count("repeats", repeats, high=REPEAT_MAX)
     if out is not None:
         require("the report", "matplotlib", "jinja2")
@@ -141,11 +139,7 @@ def engine_rig(model: LandingModel, device: str = "cpu", engine: str | None = No
 
 
 def check_rig_setup(rig: CheckedRig, policy: Policy) -> None:
-    """Refuse a rig whose set-up is not that of a policy.
-
-    Raises:
-        InputError: They differ; names each value.
-    """
+    """Refuse a rig whose set-up is not that of a policy; the error names each value."""
     there, here = rig.setup.to_settings(), policy.setup.to_settings()
     # The rig makes any motion: r0 and v_max are the policy's. What a cable is believed to be does
     # not matter to a rig either, but which cable it is does.
@@ -166,10 +160,6 @@ def _split(evaluation: Evaluation, policy: Policy, device: str) -> dict[str, Any
 
 
 def _write_files(run: RunFolder, evaluation: Evaluation, policy: Policy) -> None:
-    from cablecast.report.maps import landing_map
-    from cablecast.report.page import report_page
-    from cablecast.report.style import png_bytes
-
     save_trials(evaluation, run.path / TRIALS_FILE)
     simulated_xy, info = None, {}
     if isinstance(policy, ForwardSearchPolicy):

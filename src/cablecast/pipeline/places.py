@@ -31,11 +31,7 @@ def folder_or_temporary(out: str | os.PathLike[str] | None) -> Iterator[pathlib.
 
 
 def require(purpose: str, *modules: str) -> None:
-    """Refuse work whose libraries are missing, before it starts.
-
-    Raises:
-        MissingExtraError: A module is not installed; names the extra that holds it.
-    """
+    """Refuse work whose libraries are missing, before it starts; the error names the extra."""
     for module in modules:
         if importlib.util.find_spec(module) is None:
             raise MissingExtraError(module, _EXTRAS[module], purpose)

@@ -73,13 +73,9 @@ def save_motion(
 
 
 def check_measured(setup: Setup) -> None:
-    """Refuse a set-up whose arm nobody has measured.
-
-    Raises:
-        InputError: `arm.measured` is not true; says what to measure.
-    """
-    if not setup.arm.measured:
-        arm = setup.arm
+    """Refuse a set-up whose arm nobody has measured; the error says what to measure."""
+    arm = setup.arm
+    if not arm.measured:
         raise InputError(
             "a motion for a robot needs a lab file whose arm was measured: state arm.model "
             f"({arm.model}), base_height ({arm.base_height:g} m above the table), base_yaw_deg "

@@ -32,6 +32,8 @@ from cablecast.files import read_numbers, write_bytes
 from cablecast.motion.action import check_action_values
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.report.maps import repeatability_map
+from cablecast.report.style import png_bytes
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import RunFolder, plain_settings, refuse_other_work
 from cablecast.runs.progress import Progress, ProgressCallback, show
@@ -57,12 +59,9 @@ _ACTION_COLUMNS = ("theta1_deg", "theta2_deg", "r2_m", "psi_deg")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Repeated:
-    """Scatter of equal casts by combination of speed and wrist turn.
+    """Scatter of equal casts by the name of their combination of speed and wrist turn.
 
-    Attributes:
-        results: Casts and scatter by the name of the combination.
-        metrics: Figures, as metrics.json holds them, with those of other combinations that earlier
-            runs measured into the folder.
+    The metrics have those of other combinations, too, that earlier runs measured into the folder.
     """
 
     results: dict[str, Repeatability]
@@ -100,14 +99,7 @@ def repeat(
         InputError: A value out of bounds, or a folder that holds something else.
         MissingExtraError: A picture is to be drawn, and matplotlib is missing.
     """
-    check_repeat(
-        combinations=combinations,
-        repeats=repeats,
-        action_count=action_count,
-        actions=actions,
-        seed=seed,
-        out=out,
-    )
+    check_repeat(combinations, repeats, action_count, actions, seed, out)
     chosen = None if actions is None else check_action_values(actions)
     settings = {
         **rig.setup.to_settings(),
@@ -143,13 +135,17 @@ def repeat(
                 if out is not None:
                     save_actions(results[name], run.path / name / ACTIONS_FILE)
             metrics = _with_earlier(run.metrics, list(results.values()))
-            if out is not None:
-                _finish(run, metrics, results, rig, progress)
+            # Unless an earlier run has done so.
+            stored = run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file()
+            if out is not None and not stored:
+                progress(Progress(task="Drawing the landings"))
+                figure = repeatability_map(_drawn(run, metrics, results), rig.setup.workspace)
+                write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
+                run.finish(metrics)
     return Repeated(results=results, metrics=metrics)
 
 
 def check_repeat(
-    *,
     combinations: Sequence[Combination],
     repeats: int,
     action_count: int | None,
@@ -157,12 +153,7 @@ def check_repeat(
     seed: int,
     out: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Check what `repeat` is asked for, before a rig is connected.
-
-    Raises:
-        InputError: A name is unknown, a number is out of bounds, or the folder holds other work.
-        MissingExtraError: A picture is to be drawn, and matplotlib is missing.
-    """
+    """Raise the errors of `repeat` that are known before a rig is connected."""
     if not combinations or any(name not in COMBINATIONS for name in combinations):
         raise InputError(
             f"combinations {str(list(combinations))[:80]} must be some of {', '.join(COMBINATIONS)}"
@@ -212,25 +203,6 @@ def _drawn(
             if combination(earlier.to_dict()) in wanted:
                 drawn.append(earlier)
     return sorted(drawn, key=lambda result: combination(result.to_dict()))
-
-
-def _finish(
-    run: RunFolder,
-    metrics: dict[str, Any],
-    results: dict[str, Repeatability],
-    rig: CheckedRig,
-    progress: ProgressCallback,
-) -> None:
-    """Draw the landings and store the metrics, unless an earlier run has done so."""
-    if run.metrics == plain_settings(metrics) and (run.path / FIGURE_FILE).is_file():
-        return
-    from cablecast.report.maps import repeatability_map
-    from cablecast.report.style import png_bytes
-
-    progress(Progress(task="Drawing the landings"))
-    figure = repeatability_map(_drawn(run, metrics, results), rig.setup.workspace)
-    write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
-    run.finish(metrics)
 
 
 def read_actions(path: str | os.PathLike[str]) -> Array:

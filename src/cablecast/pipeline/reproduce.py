@@ -121,13 +121,9 @@ QUICK_SLOW = dataclasses.replace(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Reproduced:
-    """Results of every experiment of the paper.
+    """Folder of every experiment of the paper, its report (HTML), tables (Markdown) and metrics.
 
-    Attributes:
-        path: Folder of all results.
-        report: The report, an HTML page.
-        tables: The tables in Markdown.
-        metrics: Errors by cable and method, and the time that each stage took [s].
+    These are errors by cable and method, and the time that each stage took [s].
     """
 
     path: pathlib.Path

@@ -25,6 +25,8 @@ from cablecast.evaluation.coverage import (
 from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.pipeline.repeat import Repeated, combination
+from cablecast.report.maps import coverage_figure
+from cablecast.report.style import png_bytes
 from cablecast.runs.folder import RunFolder, settings_differences
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.runs.workers import LOCAL, connected
@@ -37,13 +39,7 @@ FIGURE_FILE = "coverage.png"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Selection:
-    """Chosen system parameters.
-
-    Attributes:
-        setup: Set-up with the chosen motion settings.
-        with_psi: Whether the wrist turns.
-        metrics: Coverage of every combination and the reasons, as metrics.json holds them.
-    """
+    """Set-up with the chosen r0 and v_max, whether the wrist turns, and why, as in metrics.json."""
 
     setup: Setup
     with_psi: bool
@@ -122,7 +118,8 @@ def select(
                     progress,
                 )
                 if out is not None:
-                    _draw(run, setup, metrics)
+                    figure = coverage_figure(metrics, setup.workspace, setup.cable.length)
+                    write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
                     run.finish(metrics)
         else:
             progress(Progress(task=f"Selecting for {setup.cable.name}", note=DONE_NOTE))
@@ -194,15 +191,6 @@ def _survey(
             "reasons": list(reasons),
         },
     }
-
-
-def _draw(run: RunFolder, setup: Setup, metrics: dict[str, Any]) -> None:
-    from cablecast.report.maps import coverage_figure
-    from cablecast.report.style import png_bytes
-
-    outline = outlines(polar_casting_region(setup))[0]
-    figure = coverage_figure(metrics["coverage"], outline, setup.workspace, setup.cable.length)
-    write_bytes(run.path / FIGURE_FILE, png_bytes(figure))
 
 
 def load_repeated(folder: str | os.PathLike[str], cable: Cable) -> list[dict[str, Any]]:

@@ -54,9 +54,6 @@ def simulate(
         out: Folder that keeps the dataset and lets a stopped run go on; none where None.
         progress: Receives the number of casts done.
 
-    Returns:
-        The simulated casts.
-
     Raises:
         DatasetError: The folder holds something else.
         InputError: A value out of bounds.

@@ -6,6 +6,7 @@ import itertools
 import math
 import os
 import pathlib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from cablecast.camera.settings import CameraSettings
 from cablecast.camera.tags import TagLayout
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import DamagedFileError, InputError, check_number, says_what_it_takes
-from cablecast.files import read_csv, write_bytes, write_text
+from cablecast.files import read_csv, write_bytes, write_csv
 from cablecast.pipeline.camera import film_offset, read_log
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import METRICS_FILE, RunFolder
@@ -41,6 +42,7 @@ FRAMES_FILE = "frames.csv"
 CALIBRATION_FILE = "calibration.json"
 PICTURE_FILE = "track.png"
 
+_COLUMNS = ("time_s", "x_m", "y_m")
 _CALIBRATION_FRAMES = 12
 _CAMERA = CameraSettings(source="film")
 """Camera where there is no lab file with one: its angle of view and marker are the usual ones."""
@@ -128,12 +130,7 @@ class TrackConfig:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VideoTrack:
-    """Track of an endpoint in a video.
-
-    Attributes:
-        track: The track, every 100 ms; read back from the files it has no frames.
-        metrics: Status, final point, frames seen and calibration, as metrics.json holds them.
-    """
+    """Track of an endpoint in a video, every 100 ms, and the contents of metrics.json."""
 
     track: EndpointTrack
     metrics: dict[str, Any]
@@ -322,19 +319,17 @@ def _write_files(
     calibration.save(run.path / CALIBRATION_FILE)
     track = tracker.track()
     times, xy = tracker.frames
-    write_text(run.path / FRAMES_FILE, _csv("frame", times, xy))
-    write_text(run.path / TRACK_FILE, _csv("sample", track.times, track.endpoint_xy))
+    write_csv(run.path / FRAMES_FILE, ("frame", *_COLUMNS), _rows(times, xy))
+    write_csv(run.path / TRACK_FILE, ("sample", *_COLUMNS), _rows(track.times, track.endpoint_xy))
     if image is not None:
         _draw(run.path / PICTURE_FILE, image, tracker)
 
 
-def _csv(index_name: str, times: Any, xy: Any) -> str:
-    """Return a table of positions; cells are empty where nothing was seen."""
-    lines = [f"{index_name},time_s,x_m,y_m"]
-    for i, (time, (x, y)) in enumerate(zip(times, xy, strict=True)):
-        place = f"{x:.5f},{y:.5f}" if np.isfinite(x) else ","
-        lines.append(f"{i},{time:.5f},{place}")
-    return "\n".join(lines) + "\n"
+def _rows(times: Any, xy: Any) -> Iterator[tuple[Any, ...]]:
+    """Yield numbered rows of positions; cells are empty where nothing was seen."""
+    for number, (time, place) in enumerate(zip(times, xy, strict=True)):
+        cells = (f"{value:.5f}" if math.isfinite(value) else "" for value in place)
+        yield number, f"{time:.5f}", *cells
 
 
 def _read_track(run: RunFolder, metrics: dict[str, Any]) -> EndpointTrack:
@@ -345,8 +340,7 @@ def _read_track(run: RunFolder, metrics: dict[str, Any]) -> EndpointTrack:
             f"{file} is not what was written: delete {run.path / METRICS_FILE}, and the same "
             "command tracks the video again"
         )
-    names = ("time_s", "x_m", "y_m")
-    rows = [[float(row[n]) if row[n] else math.nan for n in names] for row in read_csv(file, names)]
+    rows = [[float(row[n] or "nan") for n in _COLUMNS] for row in read_csv(file, _COLUMNS)]
     values = np.array(rows).reshape(-1, 3)
     status = TrialStatus.from_code(metrics["status"])
     return EndpointTrack(times=values[:, 0], endpoint_xy=values[:, 1:], status=status)

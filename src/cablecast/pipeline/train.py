@@ -32,6 +32,8 @@ from cablecast.learning.network import (
 from cablecast.learning.policy import CANDIDATE_COUNT, ForwardSearchPolicy
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.report.curves import learning_curves
+from cablecast.report.style import png_bytes
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 
@@ -190,9 +192,6 @@ def _write_documents(
     curves = [(title, curve) for title, curve in curves if len(curve) > 1]
     if curves:
         try:
-            from cablecast.report.curves import learning_curves
-            from cablecast.report.style import png_bytes
-
             figure = learning_curves(curves, model.setup.cable.length)
             write_bytes(folder / CURVE_FILE, png_bytes(figure))
             card += f"\n![learning curve]({CURVE_FILE})\n"

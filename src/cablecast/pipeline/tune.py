@@ -13,12 +13,14 @@ from cablecast.engines.spread import spread
 from cablecast.errors import InputError, says_what_it_takes
 from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
+from cablecast.report.maps import spread_choice, track_panels
+from cablecast.report.style import png_bytes
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.runs.workers import LOCAL, connected
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.servo import ServoFit, can_identify_servo, identify_servo
-from cablecast.tuning.tracks import MeasuredTracks, has_measured_joints
+from cablecast.tuning.tracks import MeasuredTracks, TrackObjective, has_measured_joints
 from cablecast.tuning.tune import (
     TuneConfig,
     TuneResult,
@@ -209,17 +211,14 @@ def _servo_metrics(servo: ServoFit | None) -> dict[str, Any] | None:
 
 def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: TuneResult) -> bytes:
     """Return a picture of some held-out tracks, simulated before and after."""
-    from cablecast.report.maps import spread_choice, track_panels
-    from cablecast.report.style import png_bytes
-    from cablecast.tuning.tracks import TrackObjective
-
     cable = casts.cable
     objective = TrackObjective(engine, cable, validation)
     believed, _ = objective.tracks_of(cable.params)
     tuned, _ = objective.tracks_of(result.params)
     figure = track_panels(
         validation,
-        [("default parameters", believed[0, :, :-1]), ("tuned parameters", tuned[0, :, :-1])],
+        believed[0, :, :-1],
+        tuned[0, :, :-1],
         casts.setup.workspace,
         spread_choice(result.validation.mean[1], 9),
         cable.length,

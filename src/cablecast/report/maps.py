@@ -292,15 +292,14 @@ def _draw_repeated(axes: "Axes", result: Repeatability) -> None:
 
 @styled()
 def coverage_figure(
-    results: Sequence[dict[str, Any]],
-    polar_casting_xy: NDArray[np.float64],
-    workspace: Workspace,
-    cable_length: float,
+    selection: Mapping[str, Any], workspace: Workspace, cable_length: float
 ) -> "Figure":
     """Draw the hulls of all speeds, a panel for each r0 and action set, after the paper's figure 6.
 
-    The results are those of `measure_coverage`; the outline is that of polar casting [m].
+    The selection is the metrics.json of `select`.
     """
+    results = selection["coverage"]
+    polar_casting_xy = np.array(selection["polar_casting"]["outline_xy"])
     panels: dict[tuple[bool, float], list[dict[str, Any]]] = {}
     for result in results:
         panels.setdefault((result["with_psi"], result["r0"]), []).append(result)
@@ -370,42 +369,39 @@ def spread_choice(values: NDArray[np.float64], count: int) -> list[int]:
 @styled()
 def track_panels(
     tracks: MeasuredTracks,
-    simulated: Sequence[tuple[str, NDArray[np.float64]]],
+    default_xy: NDArray[np.float64],
+    tuned_xy: NDArray[np.float64],
     workspace: Workspace,
     trial_indices: Sequence[int],
     cable_length: float,
 ) -> "Figure":
     """Draw measured tracks as points every 100 ms, and simulated ones as lines through such points.
 
-    Simulated endpoints at the measured times [m], shape [trial, sample, 2], are one or two;
-    distances, in % of cable length, are those of the last.
+    Simulated endpoints are at the measured times [m], shape [trial, sample, 2]; distances, in % of
+    cable length, are those of the tuned parameters.
     """
-    colors = (MUTED, BLUE)[-len(simulated) :]
+    simulated = (("default", default_xy, MUTED), ("tuned", tuned_xy, BLUE))
     options: dict[str, Any] = {"columns": 3, "below": 0.4, "ticks": False}
     view = workspace_view(workspace)
     figure, panels = workspace_panels(workspace, view, len(trial_indices), **options)
     for axes, trial in zip(panels, trial_indices, strict=True):
         seen = tracks.compared[trial]
         measured = tracks.endpoint_xy[trial, seen]
-        for (_, xy), color in zip(simulated, colors, strict=True):
+        for _, xy, color in simulated:
             path = xy[trial, seen]
             axes.plot(*path.T, ".-", color=color, linewidth=1.4, markersize=2.2, zorder=3)
             axes.plot(*path[-1], "o", color=color, markersize=4.5, zorder=4)
         axes.plot(*measured.T, ".", color=VERMILLION, markersize=3.2, zorder=5)
         axes.plot(*measured[-1], "o", color=VERMILLION, markersize=5, zorder=6)
-        apart = np.linalg.norm(simulated[-1][1][trial, seen] - measured, axis=1)
+        apart = np.linalg.norm(tuned_xy[trial, seen] - measured, axis=1)
         percent = 100.0 * apart / cable_length
         axes.set_title(f"trial {trial}: mean {percent.mean():.1f} %, end {percent[-1]:.1f} %")
-    legend_strip(
-        figure,
-        [
-            *(
-                (label, "-", {"color": color, "linewidth": 1.6})
-                for (label, _), color in zip(simulated, colors, strict=True)
-            ),
-            ("measured every 100 ms", "o", {"color": VERMILLION, "markersize": 4}),
-        ],
-    )
+    entries: list[tuple[str, str, dict[str, Any]]] = [
+        (f"{name} parameters", "-", {"color": color, "linewidth": 1.6})
+        for name, _, color in simulated
+    ]
+    entries.append(("measured every 100 ms", "o", {"color": VERMILLION, "markersize": 4}))
+    legend_strip(figure, entries)
     return figure
 
 

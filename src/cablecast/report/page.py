@@ -1,14 +1,13 @@
 """The report of an evaluation: one HTML file with its casts, errors and settings."""
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import cablecast
 from cablecast.cast import TrialStatus
-from cablecast.errors import MissingExtraError
 from cablecast.evaluation.evaluate import ErrorSummary, Evaluation, summarise_errors, trial_rows
 from cablecast.evaluation.published import published_rows
 from cablecast.report.curves import error_boxes, learning_curves, target_errors
@@ -24,28 +23,24 @@ from cablecast.report.tables import (
     pct,
 )
 
-if TYPE_CHECKING:
-    import jinja2
-
 SettingsLists = list[tuple[str, list[tuple[str, str]]]]
 """Titles and lines of the settings at the end of a page."""
 
 _RIG_NAMES = {"virtual": "virtual rig", "engine": "simulator itself"}
 
 
-def template_environment() -> "jinja2.Environment":
-    """Return the templates of this package; all text is escaped, and a missing name is an error."""
-    try:
-        import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", "report", "writing the report") from None
-    return jinja2.Environment(
+def render_template(name: str, **values: Any) -> str:
+    """Return a page of this package; all text is escaped, and a missing name is an error."""
+    import jinja2
+
+    environment = jinja2.Environment(
         loader=jinja2.PackageLoader("cablecast", "report"),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
+    return environment.get_template(name).render(version=cablecast.__version__, **values)
 
 
 def run_settings(config: Mapping[str, Any]) -> SettingsLists:
@@ -90,9 +85,8 @@ def report_page(
     if curve := model_info.get("curve"):
         figures["learning"] = svg_uri(learning_curves([("", curve)], evaluation.cable.length))
     dataset_settings = model_info.get("dataset", {}).get("settings", {})
-    template = template_environment().get_template("report.html")
-    return template.render(
-        version=cablecast.__version__,
+    return render_template(
+        "report.html",
         cable=evaluation.cable,
         rig_name=rig_name,
         rig_kind=kind,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import cablecast
+from cablecast.data.dataset import StoredSettings
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import (
     DRAW_COUNT,
@@ -26,7 +26,7 @@ from cablecast.evaluation.published import (
 from cablecast.files import read_csv
 from cablecast.report.curves import error_boxes
 from cablecast.report.maps import coverage_figure, ellipse_map
-from cablecast.report.page import SettingsLists, run_settings, template_environment
+from cablecast.report.page import SettingsLists, render_template, run_settings
 from cablecast.report.style import svg_uri
 from cablecast.report.tables import (
     Table,
@@ -41,7 +41,7 @@ from cablecast.report.tables import (
     tuning_table,
 )
 from cablecast.runs.folder import Parts
-from cablecast.setup import SECTIONS, Setup
+from cablecast.setup import Setup
 
 _SETUP_STAGES = (*(f"evaluate-{method}" for method in METHOD_NAMES), "select", "repeat", "tune")
 """Stages whose settings hold the set-up; those that decide the figures come first."""
@@ -79,20 +79,11 @@ class Reproduction:
         """Return metrics.json of a stage; None where the stage has not been run."""
         return Parts(self.folder / cable / stage).get("metrics")
 
-    def config(self, cable: str, stage: str) -> dict[str, Any] | None:
-        """Return config.json of a stage; None where the stage has not been run."""
-        return Parts(self.folder / cable / stage).get("config")
-
     def setup(self, cable: str) -> Setup:
         """Return the set-up that a cable was cast with, as its stages recorded it."""
-        for stage in _SETUP_STAGES:
-            if (config := self.config(cable, stage)) is not None:
-                settings = config["settings"]
-                if missing := [name for name in SECTIONS if name not in settings]:
-                    raise InputError(
-                        f"{self.folder / cable / stage} does not record its {', '.join(missing)}"
-                    )
-                return Setup.from_dict({name: settings[name] for name in SECTIONS})
+        for folder in (self.folder / cable / stage for stage in _SETUP_STAGES):
+            if (config := Parts(folder).get("config")) is not None:
+                return StoredSettings(config, str(folder)).setup
         raise InputError(f"{self.folder} holds no finished stage of {cable} that tells its set-up")
 
     def evaluations(self, cable: str) -> dict[str, dict[str, Any]]:
@@ -157,12 +148,6 @@ def order_of_methods(results: Reproduction) -> list[str]:
     return sentences if len(sentences) > 1 else [*sentences, "This is the paper's order."]
 
 
-def all_parts(results: Reproduction) -> list[Part]:
-    """Return every section whose stages have been run, in the order of the paper."""
-    makers = (tuning_part, selection_part, model_part, method_part, cable_part, split_part)
-    return [part for maker in makers if (part := maker(results)) is not None]
-
-
 def tuning_part(results: Reproduction) -> Part | None:
     """Report section V-D: the simulator's distance from the rig before and after tuning."""
     tunings = results.by_cable("tune")
@@ -194,8 +179,7 @@ def selection_part(results: Reproduction) -> Part | None:
     if selection is None:
         return None
     setup = results.setup(results.cables[0])
-    polar = np.array(selection["polar_casting"]["outline_xy"])
-    figure = coverage_figure(selection["coverage"], polar, setup.workspace, setup.cable.length)
+    figure = coverage_figure(selection, setup.workspace, setup.cable.length)
     ratio = selection["coverage"][0]["hull_ratio"]
     return Part(
         title="Choosing r0, v_max and psi (figures 6 and 7)",
@@ -356,13 +340,13 @@ def reproduction_page(
 
     It refers to no other file and no other host. Stages have titles and times [s].
     """
-    environment = template_environment()
     budget, rig = config["settings"]["budget"], config["settings"]["rig"]
-    parts = all_parts(results)
+    makers = (tuning_part, selection_part, model_part, method_part, cable_part, split_part)
+    parts = [part for maker in makers if (part := maker(results)) is not None]
     took = time_table(times)
     evaluations = [m for cable in results.cables for m in results.evaluations(cable).values()]
-    page = environment.get_template("reproduction.html").render(
-        version=cablecast.__version__,
+    page = render_template(
+        "reproduction.html",
         rig_phrase=_RIG_PHRASES.get(rig, f"on the rig {rig}"),
         target_count=max((metrics["target_count"] for metrics in evaluations), default=0),
         cables=results.cables,

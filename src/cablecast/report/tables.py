@@ -5,7 +5,7 @@ Errors are in % of cable length. Rows of the paper stand below ours.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cablecast.evaluation.coverage import PUBLISHED_CANDIDATES
@@ -83,6 +83,12 @@ def _plain(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
+def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in GitHub's Markdown."""
+    lines = [heads, [":--"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
 class Row(NamedTuple):
     """One row of a table: its cells, the first being its name, and its kind, which is its style.
 
@@ -103,13 +109,12 @@ class Table:
     note: str = ""
 
     def to_markdown(self) -> str:
-        """Return the table in GitHub's Markdown, with its title and note."""
-        lines = [f"**{self.title}**", ""]
-        lines.append("| " + " | ".join(self.heads) + " |")
-        lines.append("|" + "---|" * len(self.heads))
-        for row in self.rows:
-            cells = [f"**{cell}**" if row.kind == "ours" and cell else cell for cell in row.cells]
-            lines.append("| " + " | ".join(cells) + " |")
+        """Return the table in Markdown, with its title and note."""
+        rows = [
+            [f"**{cell}**" if row.kind == "ours" and cell else cell for cell in row.cells]
+            for row in self.rows
+        ]
+        lines = [f"**{self.title}**", "", markdown_table(self.heads, rows)]
         if self.note:
             lines += ["", self.note]
         return "\n".join(lines) + "\n"
@@ -289,22 +294,13 @@ def tuning_table(tunings: Mapping[str, Metrics]) -> Table:
     """Make table I: the simulator's distance from the rig before and after tuning, by cable."""
     rows = []
     for cable, metrics in tunings.items():
-        default, tuned = (metrics["validation"][name] for name in ("default", "tuned"))
-        distances = (
-            pct(default["final_median_pct"]),
-            pct(tuned["final_median_pct"]),
-            pct(default["mean_pct"]),
-            pct(tuned["mean_pct"]),
-        )
+        ours = [metrics["validation"][name] for name in ("default", "tuned")]
+        distances = [pct(row[key]) for key in ("final_median_pct", "mean_pct") for row in ours]
         rows.append(Row((cable, *distances, f"{metrics['simulation_count']:,}"), "ours"))
         if (paper := published_tuning(cable)) is not None:
-            distances = (
-                pct(paper.default_final_pct),
-                pct(paper.tuned_final_pct),
-                pct(paper.default_mean_pct),
-                pct(paper.tuned_mean_pct),
-            )
-            rows.append(Row((f"paper: {cable}", *distances, "not stated"), "paper"))
+            final = (pct(paper.default_final_pct), pct(paper.tuned_final_pct))
+            mean = (pct(paper.default_mean_pct), pct(paper.tuned_mean_pct))
+            rows.append(Row((f"paper: {cable}", *final, *mean, "not stated"), "paper"))
     return Table(
         title="Distance between simulated and measured endpoints on validation casts",
         heads=(

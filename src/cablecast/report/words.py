@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from cablecast.aiming.session import AimSession
 from cablecast.cast import Cast, Proposal
+from cablecast.conventions import xy_to_polar
 
 DRIFT_NOTE = (
     "The last casts land elsewhere than earlier ones say: the cable, its grip or the camera has "
@@ -19,6 +20,12 @@ BLIND_NOTE = (
 
 # Steps of this many degrees or centimetres, together, lead to another action.
 _OTHER_ACTION = 12.0
+
+
+def place_text(xy: NDArray[np.float64]) -> str:
+    """Return a place on the table [m], shape [2], in polar coordinates."""
+    r, theta = xy_to_polar(xy)
+    return f"{r:.2f} m, {math.degrees(theta):.0f}°"
 
 
 def region_text(proposal: Proposal, share: float) -> str:

@@ -32,13 +32,7 @@ _POSE_COUNT = 24  # Poses at which the two arms are compared.
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One mesh of an arm.
-
-    Attributes:
-        vertices: Vertices in the frame of its body [m], shape [vertex, 3].
-        faces: Vertices of each triangle, shape [face, 3].
-        color: Colour.
-    """
+    """Vertices [m], shape [vertex, 3], and triangles of a mesh, in the frame of its body."""
 
     vertices: Array
     faces: NDArray[np.integer]
@@ -46,13 +40,10 @@ class Piece:
 
 
 class ArmMeshes:
-    """Meshes of an arm and where they are at given joint angles.
+    """Meshes of an MJCF or URDF file and where they are at given joint angles.
 
-    The file is compiled by MuJoCo, which reads meshes of the formats STL, OBJ and MSH.
-
-    Args:
-        path: MJCF or URDF file with the joints of the arm.
-        arm: Arm of the set-up. Its last two joints must be where those of the file are.
+    The file is compiled by MuJoCo, which reads meshes of the formats STL, OBJ and MSH. The last two
+    joints of the set-up's arm must be where those of the file are.
 
     Attributes:
         pieces: Meshes by name: that of the body, and a number.
@@ -78,9 +69,7 @@ class ArmMeshes:
     def poses(self, q: Array) -> tuple[Array, Array]:
         """Return the pose of each piece at joint angles [rad], shape [joint].
 
-        Returns:
-            Rotations as quaternions w, x, y, z, shape [piece, 4], and positions [m], shape
-            [piece, 3].
+        Rotations are quaternions w, x, y, z, shape [piece, 4], positions [m], shape [piece, 3].
         """
         from scipy.spatial.transform import Rotation
 

@@ -67,9 +67,7 @@ class Preview:
 class Desk:
     """State of the table and of the tries at it.
 
-    Args:
-        rig: Rig that casts.
-        engine: Simulator of the previews; the usual one where None.
+    The engine simulates the previews; it is the usual one where None.
 
     Attributes:
         setup: Set-up of the rig.
@@ -176,10 +174,7 @@ class Desk:
         self.message = f"The simulator fits {renewed.fitted_count} casts now."
 
     def aim(self, target_xy: ArrayLike) -> Preview:
-        """Choose a target and plan the next cast at it, corrected by earlier casts.
-
-        Args:
-            target_xy: Target [m], shape [2].
+        """Choose a target [m], shape [2], and plan the next cast at it, corrected by earlier casts.
 
         Raises:
             TargetError: It is not finite, out of reach, or off the table.
@@ -233,18 +228,14 @@ class Desk:
         """Plan the next cast at the target of the last one."""
         with self._lock:
             self._refuse_casting()
-            last = self.last
-            if last is None:
+            if (last := self.last) is None:
                 raise InputError("there is nothing to correct yet: cast first")
             return self.aim(last.target_xy)
 
     def cast(self, planned: Preview | None) -> Cast:
-        """Cast as planned, and see where the free end comes to rest.
+        """Cast the plan that a person has seen, and see where the free end comes to rest.
 
         To be called in the thread that may use the rig.
-
-        Args:
-            planned: Plan that a person has seen, if any: no other is cast.
 
         Raises:
             InputError: Nothing is planned, another plan than the one that was seen, or another cast
@@ -272,8 +263,7 @@ class Desk:
         """Take the last try back: it is kept, and no plan uses it from now on."""
         with self._lock:
             self._refuse_casting()
-            last = self.last
-            if last is None:
+            if (last := self.last) is None:
                 raise InputError("there is no try to undo")
             self._need_session().undo(last.number)
             self.preview, self.stop = None, ""

@@ -18,6 +18,7 @@ from cablecast.files import write_bytes, write_text
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.view.look import Shot
+from cablecast.view.scene import Figure, Table, start_server, stop_server
 from cablecast.view.shapes import (
     ARM,
     BLUE,
@@ -67,14 +68,7 @@ _SHADOW_SLOPE = np.array([0.12, 0.05, -1.0])  # Shift per height of what casts a
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FilmConfig:
-    """Size and speed of a film.
-
-    Attributes:
-        width: Width [pixel], even.
-        height: Height [pixel], even.
-        frames_per_second: Frames a second.
-        speed: Shown seconds per second: 0.5 is slow motion.
-    """
+    """Size [pixel], in even numbers, and speed of a film; a speed of 0.5 is slow motion."""
 
     width: int = 960
     height: int = 540
@@ -96,14 +90,7 @@ def write_film(
     config: FilmConfig,
     progress: ProgressCallback = ignore,
 ) -> None:
-    """Write casts, one after another, as one file.
-
-    Args:
-        path: File to write; its ending says the kind: .html, .mp4 or .gif.
-        setup: Set-up with table, arm and cable.
-        shots: Casts in order.
-        config: Size and speed.
-        progress: Told how many frames are done.
+    """Write casts, one after another, as one file, whose ending says the kind.
 
     Raises:
         InputError: The ending is unknown, or there is nothing to film.
@@ -157,12 +144,9 @@ class Painter:
         self._backdrop = self._painted_backdrop()
 
     def frame(self, shot: Shot, time: float, tries: Sequence[Shot] = ()) -> Image.Image:
-        """Return the picture of a cast at a time.
+        """Return the picture of a cast at a time [s], with the landings of earlier tries.
 
-        Args:
-            shot: Cast.
-            time: Time [s]; beyond the end of the cast the cable rests.
-            tries: Earlier casts at the same target, whose landings are marked.
+        Beyond the end of the cast the cable rests.
         """
         image = self._backdrop.copy()
         pen = ImageDraw.Draw(image, "RGBA")
@@ -190,12 +174,10 @@ class Painter:
         return image.resize(self.size, Image.Resampling.BOX)
 
     def _painted_backdrop(self) -> Image.Image:
-        table = self.setup.workspace
         image = Image.new("RGB", (self._view.lens.width, self._view.lens.height), WHITE)
         pen = ImageDraw.Draw(image, "RGBA")
-        x, y0 = table.half_width, table.y_min
         top = self._table_top()
-        front = np.array([[-x, y0, 0.0], [x, y0, 0.0], [x, y0, -0.04], [-x, y0, -0.04]])
+        front = np.concatenate([top[:2], top[1::-1] - [0.0, 0.0, 0.04]])
         self._polygon(pen, front, TABLE_SIDE)
         self._polygon(pen, top, TABLE)
         for line in table_lines(self.setup, 0.25, 0.0):
@@ -357,13 +339,7 @@ def gif_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
 def film_html(
     setup: Setup, shots: Sequence[Shot], config: FilmConfig, progress: ProgressCallback
 ) -> str:
-    """Return casts as one HTML file that holds all that it needs: to turn, zoom and play.
-
-    Raises:
-        MissingExtraError: viser is not installed.
-    """
-    from cablecast.view.scene import Figure, Table, start_server, stop_server
-
+    """Return casts as one HTML file that holds all that it needs: to turn, zoom and play."""
     server = start_server("127.0.0.1", 0)
     try:
         camera = server.initial_camera

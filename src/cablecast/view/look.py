@@ -8,11 +8,10 @@ import pathlib
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
-from cablecast.conventions import xy_to_polar
-from cablecast.data.dataset import Dataset, read_dataset
+from cablecast.conventions import Array
+from cablecast.data.dataset import Dataset, StoredSettings, read_dataset
 from cablecast.data.schema import INFO_PATH, read_info
 from cablecast.data.store import CastStore, dataset_cast
 from cablecast.engines.base import Engine
@@ -22,12 +21,11 @@ from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at, plan_trajectory
 from cablecast.pipeline.aim import FITS_FOLDER, SESSION_FOLDER
 from cablecast.pipeline.evaluate import CASTS_FOLDER
+from cablecast.report.words import place_text
 from cablecast.runs.folder import Parts, RunFolder
 from cablecast.runs.places import TUNE_FOLDER
-from cablecast.setup import SECTIONS, Setup
+from cablecast.setup import Setup
 from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
-
-Array = NDArray[np.float64]
 
 FRAME_DT = 0.02
 """Interval of the shapes that are drawn [s]: half of the time between two pictures on a screen that
@@ -182,14 +180,12 @@ class Collection:
     """Casts of one set-up.
 
     Attributes:
-        setup: Set-up of the casts.
         dataset: Casts in order.
         labels: Name of each cast in one line.
         target_xy: Targets [m], shape [cast, 2]; NaN for casts without one.
         tuned: Cable and servo of the arm as they were fitted; None where they were not.
     """
 
-    setup: Setup
     dataset: Dataset
     labels: tuple[str, ...]
     target_xy: Array
@@ -197,6 +193,11 @@ class Collection:
 
     def __len__(self) -> int:
         return len(self.dataset)
+
+    @property
+    def setup(self) -> Setup:
+        """Set-up of the casts."""
+        return self.dataset.setup
 
     @property
     def believed(self) -> Dynamics:
@@ -211,14 +212,12 @@ class Collection:
 
     def measured(self, index: int) -> ShownCast | None:
         """Return a cast as it was seen; None where nobody looked."""
-        check_count("cast", index, 0, len(self) - 1)
         if self.dataset.extra.get("times") is None:
             return None
         return ShownCast.of_cast(dataset_cast(self.dataset, index))
 
     def simulated(self, index: int, engine: Engine, dynamics: Dynamics) -> ShownCast:
         """Return a cast as it is simulated with the dynamics of a cable."""
-        check_count("cast", index, 0, len(self) - 1)
         action = self.dataset.actions[index]
         if not np.all(np.isfinite(action)):
             raise InputError(f"no action describes the motion of cast {index}")
@@ -227,6 +226,7 @@ class Collection:
 
     def shot(self, index: int, engine: Engine) -> Shot:
         """Return a cast to be filmed: as it was seen, beside the simulator."""
+        check_count("cast", index, 0, len(self) - 1)
         measured = self.measured(index)
         target, label = self.target_xy[index], self.labels[index]
         target_xy = target if np.all(np.isfinite(target)) else None
@@ -245,12 +245,10 @@ class Collection:
 
 
 def open_collection(folder: str | os.PathLike[str]) -> Collection:
-    """Return the casts of a folder.
+    """Return the casts of a dataset, or of a folder of `evaluate`, `tune` or `aim`.
 
-    Args:
-        folder: Dataset of `collect` or `simulate`, folder of `evaluate`, `tune` or `aim`. What
-            `tune` found is read from a folder `tune` in it or beside it. The casts that a folder of
-            `tune` was fitted to are looked for beside it.
+    What `tune` found is read from a folder `tune` in it or beside it. The casts that a folder of
+    `tune` was fitted to are looked for beside it.
 
     Raises:
         DatasetError: The folder holds no casts.
@@ -279,15 +277,14 @@ def _of_dataset(path: pathlib.Path, named: pathlib.Path) -> Collection:
         # Repeats of a target are consecutive.
         repeats = max(1, count // len(aimed))
         targets = np.array(aimed, dtype=float)[np.arange(count) // repeats]
-    return _collection(dataset.setup, dataset, named, targets, [0] * count)
+    return _collection(dataset, named, targets, [0] * count)
 
 
 def _of_session(path: pathlib.Path, run: RunFolder) -> Collection:
-    setup = Setup.from_dict({name: run.settings.get(name, {}) for name in SECTIONS})
-    store = CastStore(setup, run.path)
+    store = CastStore(StoredSettings(run.config, str(path)).setup, run.path)
     targets = np.array([cast.target_xy for cast in store.casts]).reshape(-1, 2)
     tries = [cast.try_number for cast in store.casts]
-    return _collection(setup, store.dataset(range(len(store))), path, targets, tries)
+    return _collection(store.dataset(range(len(store))), path, targets, tries)
 
 
 def _of_tuning(path: pathlib.Path) -> Collection:
@@ -303,18 +300,19 @@ def _of_tuning(path: pathlib.Path) -> Collection:
 
 
 def _collection(
-    setup: Setup, dataset: Dataset, path: pathlib.Path, targets: Array, tries: Sequence[int]
+    dataset: Dataset, path: pathlib.Path, targets: Array, tries: Sequence[int]
 ) -> Collection:
     """Return casts with their names, and with what `tune` found.
 
     That is the newest fit of a session, or what lies in the folder, or else beside it.
     """
+    if not len(dataset):
+        raise DatasetError(f"{path} holds no cast yet")
     labels = []
     for number, (target, try_number) in enumerate(zip(targets, tries, strict=True)):
         label = f"cast {number}"
         if np.all(np.isfinite(target)):
-            r, theta = xy_to_polar(target)
-            label += f" at {r:.2f} m, {np.degrees(theta):.0f}°"
+            label += f" at {place_text(target)}"
         labels.append(label + (f", try {try_number}" if try_number else ""))
     tuned = None
     later = [folder / TUNE_FOLDER for folder in sorted((path / FITS_FOLDER).glob("*"))]
@@ -322,7 +320,5 @@ def _collection(
         if (place / PARAMS_FILE).exists():
             # What lies beside the casts may be of another cable.
             with contextlib.suppress(InputError):
-                tuned = load_tuned(place, setup).dynamics
-    return Collection(
-        setup=setup, dataset=dataset, labels=tuple(labels), target_xy=targets, tuned=tuned
-    )
+                tuned = load_tuned(place, dataset.setup).dynamics
+    return Collection(dataset=dataset, labels=tuple(labels), target_xy=targets, tuned=tuned)

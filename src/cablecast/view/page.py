@@ -21,7 +21,6 @@ from cablecast.errors import CablecastError, InputError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim import SESSION_FOLDER, prepare_aim
-from cablecast.pipeline.places import require
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import ProgressCallback
@@ -40,7 +39,7 @@ from cablecast.view.words import (
     tries_text,
     try_name,
 )
-from cablecast.view.worker import Work, Worker, WorkState
+from cablecast.view.worker import Work, Worker
 
 if TYPE_CHECKING:
     import viser
@@ -82,20 +81,8 @@ _CAMERA_WIDTH = 480  # Largest width of the picture that is sent [pixel].
 class Page:
     """Draws a desk and a worker, and hands clicks to them.
 
-    Args:
-        desk: State of the table.
-        worker: Thread for casts and long work.
-        prepare: Gets the desk ready for the first target; called by the worker.
-        folder: Folder of the session, in that of the cable's results.
-        host: Address to listen on; only this computer by default.
-        port: Port to listen on; the next free one if it is taken.
-        meshes: Meshes of the arm; drawn as rods where None.
-        rate: Frames a second [1/s].
-
-    Attributes:
-        server: Server of the page.
-        stage: What is seen of the table.
-        look: Casts of a folder.
+    The worker calls `prepare` to get the desk ready for the first target. `folder` holds the
+    session. The arm is drawn as rods without meshes, at a rate in frames a second [1/s].
     """
 
     def __init__(
@@ -315,10 +302,9 @@ class Page:
     def _watch(self, motion: Trajectory, track: EndpointTrack | None) -> None:
         """Play what the rig is made to do, and what it saw, one after another, before any plan."""
         if self.desk.session is None:
-            joints = motion.joint_path
-            shown = (
-                ShownCast.of_motion(motion) if track is None else ShownCast.of_track(track, joints)
-            )
+            shown = ShownCast.of_motion(motion)
+            if track is not None:
+                shown = ShownCast.of_track(track, motion.joint_path)
             self._unseen.append(shown)
             if not self.stage.player.playing:
                 self._play_unseen()
@@ -413,7 +399,10 @@ class Page:
             update(other, visible=phase is Phase.DONE or stopped, disabled=busy)
             update(anyway, visible=stopped, disabled=busy)
             update(stop, visible=busy)
-            _refresh_bar(bar, state)
+            # A full bar where the work does not say how far it is.
+            work = state.progress
+            share = 1.0 if work is None or not work.total else work.done / work.total
+            update(bar, visible=busy, value=round(100.0 * share, 1))
             steps = tour_text(desk, state)
             update(tour, visible=bool(steps), content=steps)
             update(tries, visible=bool(desk.tries))
@@ -544,13 +533,6 @@ class Page:
         threading.Thread(target=watch, name="camera", daemon=True).start()
 
 
-def _refresh_bar(bar: Any, state: WorkState) -> None:
-    """Show how far some work is; a full bar where it does not say."""
-    progress = state.progress
-    share = 1.0 if progress is None or not progress.total else progress.done / progress.total
-    update(bar, visible=bool(state.name), value=round(100.0 * share, 1))
-
-
 def shrunk(picture: NDArray[np.uint8], width: int = _CAMERA_WIDTH) -> NDArray[np.uint8]:
     """Return a picture, BGR, shape [v, u, 3], as RGB of at most some width [pixel]."""
     from PIL import Image
@@ -572,13 +554,10 @@ def slid_params(base: CableParams, exponents: dict[str, float]) -> CableParams:
 
 
 class LookTab:
-    """Casts of a folder, measured and simulated side by side, with sliders of the parameters.
-
-    Attributes:
-        shown: Motions of the chosen cast that are shown, by the names of their figures.
-    """
+    """Casts of a folder, measured and simulated side by side, with sliders of the parameters."""
 
     def __init__(self, page: Page, gui: Any, folder: pathlib.Path):
+        # Motions of the chosen cast, by the names of their figures.
         self.shown: dict[str, ShownCast] = {}
         self._page = page
         self._collection: Collection | None = None
@@ -618,8 +597,6 @@ class LookTab:
             DatasetError: It holds none.
         """
         collection = open_collection(pathlib.Path(folder.strip()).expanduser())
-        if not len(collection):
-            raise InputError(f"{folder} holds no cast yet")
         if collection.setup.workspace != self._page.desk.setup.workspace:
             raise InputError("these casts were made on another table than the page shows")
         self._collection = collection
@@ -724,22 +701,15 @@ def serve(
     arm_meshes: str | os.PathLike[str] | None = None,
     ready: Callable[[str], None] | None = None,
 ) -> None:
-    """Serve the page of a rig until Ctrl-C.
+    """Serve the page of a rig until Ctrl-C, with the session in the folder of `cablecast aim`.
 
-    Args:
-        rig: Rig that `make_rig` returned.
-        folder: Folder of the session, the same as that of `cablecast aim`.
-        config: Settings of aiming.
-        host: Address to listen on.
-        port: Port to listen on; the next free one if it is taken.
-        arm_meshes: MJCF or URDF file whose meshes draw the arm; it is drawn as rods where None.
-        ready: Told the address once the page can be opened.
+    If the port is taken, it is the next free one; `ready` is told the address once the page can be
+    opened. The arm is drawn with the meshes of an MJCF or URDF file, or else as rods.
 
     Raises:
         MissingExtraError: A library of the page is not installed.
         InputError: The file of meshes shows another arm.
     """
-    require("the page", "viser", "trimesh")
     meshes = None if arm_meshes is None else ArmMeshes(arm_meshes, rig.setup.arm)
     folder = pathlib.Path(folder)
     desk, worker = Desk(rig), Worker()

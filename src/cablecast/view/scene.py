@@ -15,7 +15,8 @@ import numpy as np
 
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import Cast, Proposal
-from cablecast.errors import InputError, MissingExtraError
+from cablecast.errors import InputError
+from cablecast.pipeline.places import require
 from cablecast.setup import Setup
 from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.look import ShownCast
@@ -89,13 +90,12 @@ def start_server(host: str, port: int) -> "viser.ViserServer":
     """Start a server of the page at an address, on a port or the next free one.
 
     Raises:
-        MissingExtraError: viser is not installed.
+        MissingExtraError: viser or trimesh is not installed.
         InputError: The address cannot be listened on.
     """
-    try:
-        import viser
-    except ImportError:
-        raise MissingExtraError("viser", "view", "the page") from None
+    require("the page", "viser", "trimesh")
+    import viser
+
     try:
         # It prints a table of addresses whatever it is told; ours is printed by the command.
         with contextlib.redirect_stdout(io.StringIO()):
@@ -152,7 +152,8 @@ class RodsDrawing:
         self,
         server: "viser.ViserServer",
         name: str,
-        rods: Rods,
+        rods_at: Callable[[Array], Rods],
+        q: Array,
         color: Color,
         *,
         joint_color: Color | None = None,
@@ -160,6 +161,7 @@ class RodsDrawing:
     ):
         import trimesh
 
+        self._rods_at, rods = rods_at, rods_at(q)
         # What shines through need not be round, and costs a browser that draws in software more.
         sides = 24 if opacity is None else 12
         cylinder = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=sides)
@@ -186,8 +188,9 @@ class RodsDrawing:
         self._rods = add("rods", cylinder, rods.quats_wxyz, rods.centers, rods.scales, color)
         self._balls = add("balls", ball, upright, centers, sizes, joint_color or color)
 
-    def move(self, rods: Rods) -> None:
-        """Move as many rods of the same radii."""
+    def move(self, q: Array) -> None:
+        """Draw the rods at joint angles [rad], shape [joint]."""
+        rods = self._rods_at(q)
         self._rods.batched_wxyzs = rods.quats_wxyz.astype(np.float32)
         self._rods.batched_positions = rods.centers.astype(np.float32)
         self._rods.batched_scales = rods.scales.astype(np.float32)
@@ -206,16 +209,10 @@ def _linear(color: Color) -> Color:
 
 
 class Figure:
-    """Arm and cable of one cast, moving.
+    """Arm and cable of one cast, moving; a ghost with an opacity, a solid figure without.
 
-    Args:
-        server: Server of the page.
-        name: Name in the tree of the scene.
-        setup: Set-up with arm and cable.
-        color: Colour of the cable.
-        opacity: Opacity of a ghost; None for a solid figure.
-        with_arm: Initial value of the attribute.
-        meshes: Meshes of the arm; drawn as rods where None.
+    The name is that in the tree of the scene, the colour that of the cable. Without meshes the arm
+    is drawn as rods.
 
     Attributes:
         with_arm: True where the arm is drawn, too.
@@ -236,8 +233,8 @@ class Figure:
         self._color, self._opacity, self.with_arm = color, opacity, with_arm
         self._arm_opacity = None if opacity is None else 0.5 * opacity
         self._meshes = meshes
-        self._rods: RodsDrawing | None = None
-        self._drawn_meshes: MeshesDrawing | None = None
+        # Of the arm, once its joints are known.
+        self._drawings: list[RodsDrawing | MeshesDrawing] = []
         self._cable: Any = None
         self._visible = True
         self._trail = server.scene.add_mesh_simple(
@@ -282,30 +279,27 @@ class Figure:
             self._trail.vertices = ribbon(trail, 2 * LIFT)[0].astype(np.float32)
 
     def _show_arm(self, visible: bool) -> None:
-        for drawing in (self._rods, self._drawn_meshes):
-            if drawing is not None:
-                drawing.show(visible, self._arm_opacity)
+        for drawing in self._drawings:
+            drawing.show(visible, self._arm_opacity)
 
     def _draw_arm(self, q: Array) -> None:
-        arm = self._setup.arm
-        if self._meshes is not None:
-            if self._drawn_meshes is None:
-                self._drawn_meshes = MeshesDrawing(
-                    self._server, f"{self._name}/meshes", self._meshes
-                )
-            self._drawn_meshes.move(q)
-        rods = arm_rods(q, arm) if self._meshes is None else gripper_rods(q, arm)
-        if self._rods is None:
-            is_solid = self._opacity is None
-            self._rods = RodsDrawing(
-                self._server,
+        if not self._drawings:
+            server, meshes, is_solid = self._server, self._meshes, self._opacity is None
+            shape = arm_rods if meshes is None else gripper_rods
+            rods = RodsDrawing(
+                server,
                 f"{self._name}/arm",
-                rods,
+                lambda q: shape(q, self._setup.arm),
+                q,
                 ARM if is_solid else self._color,
                 joint_color=JOINT if is_solid else None,
                 opacity=self._arm_opacity,
             )
-        self._rods.move(rods)
+            self._drawings.append(rods)
+            if meshes is not None:
+                self._drawings.append(MeshesDrawing(server, f"{self._name}/meshes", meshes))
+        for drawing in self._drawings:
+            drawing.move(q)
 
     def _draw_cable(self, nodes: Array) -> None:
         vertices, faces = tube(nodes, self._setup.cable.radius)
@@ -507,14 +501,11 @@ def _text_xy(one: Cast) -> Array:
 class Player:
     """Plays casts side by side in a thread of its own, and hides figures that no longer play.
 
-    Args:
-        rate: Frames a second [1/s].
-        pause: Time that the end of a cast is shown before the next round [s].
+    It draws at a rate [1/s], and shows the end of a cast for a pause [s] before the next round.
 
     Attributes:
         time: Time that is shown [s].
         speed: Shown seconds per second.
-        playing: True while the time runs.
         frame_count: Number of frames shown so far.
         on_frame: Called with the time [s] at every frame, e.g. to move a slider.
     """
@@ -547,12 +538,9 @@ class Player:
         rounds: int = 1,
         done: Callable[[], None] | None = None,
     ) -> None:
-        """Play casts instead of what is playing.
+        """Play casts in some rounds, instead of what is playing.
 
-        Args:
-            acts: Figures and their casts.
-            rounds: Number of times that the casts are played, with a pause between.
-            done: Called at the first end, in the player's thread; it must not wait.
+        `done` is called at the first end, in the player's thread; it must not wait.
         """
         with self._lock:
             self._set_acts(acts)
@@ -638,13 +626,7 @@ class Player:
 
 
 class Stage:
-    """The table and the figures of `FIGURE_COLORS`, of which those that play are seen.
-
-    Attributes:
-        table: What lies on the table.
-        player: Player of the figures.
-        figures: Figures that were shown so far, by name.
-    """
+    """The table and the figures of `FIGURE_COLORS`, of which those that play are seen."""
 
     def __init__(
         self,
@@ -657,6 +639,7 @@ class Stage:
         self._server, self._setup, self._meshes = server, setup, meshes
         self.table = Table(server, setup)
         self.player = Player(rate=rate)
+        # Those that were shown so far.
         self.figures: dict[str, Figure] = {}
 
     def play(

@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import Arm
 from cablecast.arm.shape import GRIPPER_ROD_COUNT, arm_shape
+from cablecast.conventions import Array
 from cablecast.learning.policy import Policy
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
-Array = NDArray[np.float64]
 Color = tuple[int, int, int]
 
 # The palette of Okabe and Ito, as in report/style.py, which stays distinct under colour blindness.
@@ -113,16 +113,10 @@ def gripper_rods(q: ArrayLike, arm: Arm) -> Rods:
 
 
 def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.integer]]:
-    """Return the cable as one mesh, drawn at least visibly thick.
+    """Return a cable of some nodes and radius as one mesh [m], drawn at least visibly thick.
 
-    A browser moves the vertices of one mesh with far less work than a row of rods.
-
-    Args:
-        nodes: Nodes of the cable [m], shape [node, 3].
-        radius: Radius of the cable [m].
-
-    Returns:
-        Vertices [m], shape [node * side, 3], and faces, shape [face, 3].
+    Vertices have the shape [node * side, 3], faces [face, 3]. A browser moves the vertices of one
+    mesh with far less work than a row of rods.
     """
     radius = max(radius, CABLE_RADIUS_MIN)
     along = np.gradient(nodes, axis=0)
@@ -153,14 +147,9 @@ def thinned(points: Array, whole_count: int) -> Array:
 
 
 def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.integer]]:
-    """Return a path on the table as a flat mesh that always has the same number of vertices.
+    """Return a path of up to `TRAIL_COUNT` points at a height above the table as a flat mesh [m].
 
-    Args:
-        xy: Points of the path [m], shape [point, 2]; at most `TRAIL_COUNT`.
-        height: Height above the table [m].
-
-    Returns:
-        Vertices [m], shape [2 * TRAIL_COUNT, 3], and faces, shape [face, 3].
+    It always has the same number of vertices, shape [2 * TRAIL_COUNT, 3]; faces, shape [face, 3].
     """
     along = np.gradient(xy, axis=0) if len(xy) > 1 else np.zeros_like(xy)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
@@ -236,15 +225,10 @@ def reach_arc(setup: Setup, height: float) -> Array:
 def viewpoint(
     setup: Setup, aspect: float = 16 / 9, *, panel: bool = False
 ) -> tuple[Array, Array, float]:
-    """Return a place from which the whole table is seen, behind the robot.
+    """Return a place behind the robot from which the whole table is seen in an aspect [-].
 
-    Args:
-        setup: Set-up with the table.
-        aspect: Width of the picture by its height [-].
-        panel: Whether the panel of the page covers the lower part of a tall picture.
-
-    Returns:
-        Position and point looked at [m], shape [3], and the vertical field of view [rad].
+    That is a position and the point looked at [m], shape [3], and the vertical field of view [rad].
+    The panel of the page covers the lower part of a tall picture.
     """
     table = setup.workspace
     x, near = np.array([table.half_width, table.y_min]) + _SCALE_ROOM * [1.0, -1.0]

@@ -1,14 +1,14 @@
 """Words of the page, in Markdown: the state of the table, a plan, the tries, the map."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
-from cablecast.report.words import region_text
+from cablecast.report.tables import markdown_table
+from cablecast.report.words import place_text, region_text
 from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.look import ShownCast
@@ -99,13 +99,13 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     ]
     if proposal.failure > _WORTH_SAYING:
         rows.append(("may fail", f"{100 * proposal.failure:.0f} % hidden or off the table"))
-    return _table(("plan", ""), rows)
+    return markdown_table(("plan", ""), rows)
 
 
 def _landing_text(proposal: Proposal, desk: Desk) -> str:
     """Return how the last cast landed beside what was expected of it, as a table."""
     length = desk.setup.cable.length
-    rows = [("target", _target_text(proposal.target_xy))]
+    rows = [("target", place_text(proposal.target_xy))]
     last = desk.last
     if last is not None and last.landed:
         off = 100 * float(np.linalg.norm(last.final_xy - proposal.expected_xy)) / length
@@ -118,13 +118,7 @@ def _landing_text(proposal: Proposal, desk: Desk) -> str:
                 f"{region_text(proposal, EXPECTED_SHARE)}: landed {'in' if inside else 'out'}side",
             ),
         ]
-    return _table((f"try {proposal.try_number}", ""), rows)
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in Markdown whose heads stand above their columns."""
-    lines = [heads, [":--"] * len(heads), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown_table((f"try {proposal.try_number}", ""), rows)
 
 
 def tries_text(desk: Desk) -> str:
@@ -138,18 +132,13 @@ def tries_text(desk: Desk) -> str:
             miss = f"~~{miss}~~"
         if one.hit:
             miss = f"**{miss}**"
-        rows.append((f"{one.try_number}", _target_text(one.target_xy), miss))
-    return _table(("try", "target", "miss"), rows)
+        rows.append((f"{one.try_number}", place_text(one.target_xy), miss))
+    return markdown_table(("try", "target", "miss"), rows)
 
 
 def try_name(one: Cast) -> str:
     """Return the name of a try in a list."""
-    return f"{one.number}: {_target_text(one.target_xy)}, try {one.try_number}"
-
-
-def _target_text(xy: NDArray[np.float64]) -> str:
-    r, theta = xy_to_polar(xy)
-    return f"{r:.2f} m, {math.degrees(theta):.0f}°"
+    return f"{one.number}: {place_text(one.target_xy)}, try {one.try_number}"
 
 
 def legend_text(length: float) -> str:
@@ -177,4 +166,4 @@ def motions_text(casts: Mapping[str, ShownCast], length: float) -> str:
         share = f"{apart:.1f} %" if kind != "measured" and math.isfinite(apart) else ""
         color = f'<span style="color: rgb{FIGURE_COLORS[kind]}">■</span>'
         rows.append((f"{color} {kind}", place, share))
-    return _table(("motion", "ends at", "from measured"), rows)
+    return markdown_table(("motion", "ends at", "from measured"), rows)

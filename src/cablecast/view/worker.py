@@ -68,12 +68,7 @@ class Worker:
         return bool(self.state.name)
 
     def submit(self, name: str, work: Work) -> None:
-        """Start some work, or refuse it.
-
-        Args:
-            name: Name of the work as a person reads it, e.g. "casting".
-            work: Function of a progress callback.
-        """
+        """Start some work, or refuse it; a person reads its name, e.g. "a cast"."""
         with self._lock:
             if self.state.name:
                 raise InputError(f"the table is busy: {self.state.name} is under way")
