@@ -105,7 +105,7 @@ class CastTask:
                     f"{', '.join(typing.get_args(kinds))}"
                 )
         check_count("tries", self.tries, high=TRIES_MAX)
-        check_number("spread", self.spread, 0.0, 1.0, "")
+        check_number("spread", self.spread, 0.0, 1.0)
         check_number("fail_reward", self.fail_reward, -1e6, 0.0, "%")
         if self.targets is not None:
             self.targets = self.setup.workspace.check_targets(
