@@ -6,11 +6,10 @@ import shutil
 
 import numpy as np
 import pytest
-import stick_engine
-import stick_rig
 import yaml
-from stick_engine import COUNT, SETUP, simulate
-from stick_rig import StickRig, collect
+from tests.data import stick_engine, stick_rig
+from tests.data.stick_engine import COUNT, SETUP, simulate
+from tests.data.stick_rig import StickRig, collect
 from tools.attack import damaged_bytes, damaged_json
 
 from cablecast.data.dataset import read_dataset

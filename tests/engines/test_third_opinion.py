@@ -2,9 +2,9 @@
 
 import dataclasses
 
-import explicit_rod
 import numpy as np
 import pytest
+from tests.engines import explicit_rod
 
 from cablecast.cable import load_cable
 from cablecast.engines.warp_ import EngineWarp

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from wide_casts import CABLE, casts, distance_pct
+from tests.engines.wide_casts import CABLE, casts, distance_pct
 
 from cablecast.cable import load_cable
 from cablecast.engines.base import CableState

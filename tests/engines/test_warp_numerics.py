@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 import pytest
-from wide_casts import CABLE, casts, distance_pct
+from tests.engines.wide_casts import CABLE, casts, distance_pct
 
 from cablecast.cable import CableParams
 from cablecast.conventions import mirror_xy

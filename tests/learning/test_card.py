@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from synthetic_casts import CABLE, network
+from tests.learning.synthetic_casts import CABLE, network
 
 from cablecast.learning.card import model_card
 from cablecast.learning.gaussian_process import GaussianProcessModel

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from synthetic_casts import network, random_actions
+from tests.learning.synthetic_casts import network, random_actions
 
 from cablecast.errors import CheckpointError, MissingExtraError
 from cablecast.learning.checkpoint import import_torch, one_thread

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 import scipy.special
 import scipy.stats
-from synthetic_casts import CABLE, dataset_of, random_actions, smooth_dataset, smooth_map
+from tests.learning.synthetic_casts import (
+    CABLE,
+    dataset_of,
+    random_actions,
+    smooth_dataset,
+    smooth_map,
+)
 
 from cablecast.errors import InputError
 from cablecast.learning.gaussian_process import (

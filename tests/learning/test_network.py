@@ -7,7 +7,13 @@ import sys
 
 import numpy as np
 import pytest
-from synthetic_casts import CABLE, network, random_actions, smooth_dataset, smooth_map
+from tests.learning.synthetic_casts import (
+    CABLE,
+    network,
+    random_actions,
+    smooth_dataset,
+    smooth_map,
+)
 
 from cablecast.errors import DatasetError, InputError
 from cablecast.learning.network import (
