@@ -47,15 +47,6 @@ def test_a_truncated_shard_is_named(copied, kept):
     assert "\n" not in str(caught.value)
 
 
-def test_a_flipped_bit_in_the_data_is_detected(copied):
-    shard = copied / SHARD
-    content = bytearray(shard.read_bytes())
-    content[600] ^= 0x10
-    shard.write_bytes(content)
-    with pytest.raises(DatasetError, match=r"file-002.parquet"):
-        read_dataset(copied)
-
-
 def test_a_missing_shard_is_named(copied):
     (copied / SHARD).unlink()
     with pytest.raises(DatasetError, match=r"file-002.parquet is missing"):
@@ -106,14 +97,6 @@ def test_a_changed_description_is_refused(copied, change, sealed):
         info = seal(info)
     file.write_text(json.dumps(info))
     with pytest.raises(DatasetError, match="damaged"):
-        read_dataset(copied)
-
-
-def test_a_description_that_cannot_be_read_is_not_called_damaged(copied):
-    file = copied / "meta/info.json"
-    file.unlink()
-    file.mkdir()
-    with pytest.raises(UnreadableFileError, match="cannot be read: Is a directory"):
         read_dataset(copied)
 
 
@@ -326,7 +309,7 @@ def test_a_file_that_the_system_refuses_is_not_called_damaged(whole, tmp_path, n
     # Whoever runs the tests may read everything, but nobody reads a folder as a file.
     file.mkdir()
     for read in (read_dataset, resume):
-        with pytest.raises(OSError, match="cannot be read") as caught:
+        with pytest.raises(UnreadableFileError, match="cannot be read: Is a dir") as caught:
             read(copy)
         for word in ("damaged", "delete", "missing"):
             assert word not in str(caught.value)
