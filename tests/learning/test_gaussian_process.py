@@ -183,8 +183,6 @@ def test_a_saved_process_predicts_the_same(model, tmp_path):
     assert loaded.info == described.info
 
 
-pytest.importorskip("torch")
-
 COUNT = 600
 
 SMALL = GaussianProcessConfig(likelihood_count=200, inducing_count=540)

@@ -29,7 +29,7 @@ def test_a_plan_says_what_to_expect(desk):
     assert preview.cast.nodes is not None
     assert preview.cast.duration > preview.proposal.trajectory.duration
     assert np.all(preview.limit_shares <= 1.0)
-    assert preview.margin == pytest.approx(0.1)
+    assert preview.margin == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
