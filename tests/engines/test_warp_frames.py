@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from benchmarks.validation.scenes import LENGTH, RADIUS, make_cable
 
-from cablecast.cable import Cable, CableParams
 from cablecast.engines import make_engine
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
@@ -13,30 +13,17 @@ from cablecast.engines.warp_.material import rest_bends
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
-LENGTH, SEGMENT_COUNT, RADIUS, MASS = 0.6, 30, 0.005, 0.03
+SEGMENT_COUNT, MASS = 30, 0.03
 DOWN = -0.5 * np.pi
-CABLE = Cable(
-    name="rod",
-    length=LENGTH,
-    diameter=2.0 * RADIUS,
-    params=CableParams(
-        twist_stiffness=1e-4,
-        bend_stiffness=1e-2,
-        mass=MASS,
-        endpoint_mass=0.0,
-        lateral_friction=0.5,
-        worksurface_friction=0.5,
-        spinning_friction=0.0,
-        rolling_friction=0.0,
-        linear_damping=0.0,
-        angular_damping=50.0,
-    ),
+CABLE = make_cable(
+    twist_stiffness=1e-4,
+    bend_stiffness=1e-2,
+    mass=MASS,
+    lateral_friction=0.5,
+    worksurface_friction=0.5,
+    angular_damping=50.0,
 )
 MIDDLES = (np.arange(SEGMENT_COUNT) + 0.5) / SEGMENT_COUNT
-
-
-def with_params(**values):
-    return dataclasses.replace(CABLE, params=dataclasses.replace(CABLE.params, **values))
 
 
 def straight(direction=(0.0, 1.0, 0.0)):
@@ -86,7 +73,7 @@ def test_without_a_table_nothing_comes_to_rest():
     # So slow that a cable above a table would count as at rest.
     state = CableState.at_rest(straight())
     state.velocities[0, 1:, 0] = 1e-4 * np.linspace(0.0, 1.0, SEGMENT_COUNT)
-    limp = with_params(bend_stiffness=0.0, twist_stiffness=0.0, angular_damping=0.0)
+    limp = CABLE.with_params(bend_stiffness=0.0, twist_stiffness=0.0, angular_damping=0.0)
     rollout = play(limp, hold(), state, 2.0)
     np.testing.assert_allclose(rollout.endpoint_xyz[0, -1, 0], 2e-4, rtol=0.01)
 
@@ -117,7 +104,7 @@ def test_grips_that_roll_twist_the_cable_by_their_difference(far_turn):
 
 def test_a_cable_clamped_at_both_ends_swings_about_itself_as_a_shaft():
     amplitude, dt = 0.3, 1e-4
-    cable = with_params(angular_damping=0.0)
+    cable = CABLE.with_params(angular_damping=0.0)
     inertia = 0.5 * MASS / LENGTH * RADIUS**2
     omega = np.pi / LENGTH * np.sqrt(CABLE.params.twist_stiffness / inertia)
     state = CableState.at_rest(straight())
@@ -138,7 +125,7 @@ def test_a_cable_clamped_at_both_ends_swings_about_itself_as_a_shaft():
 
 def test_a_ring_with_a_twist_buckles_beyond_michells():
     bend, twist = 1e-4, 2e-4
-    cable = with_params(
+    cable = CABLE.with_params(
         bend_stiffness=bend, twist_stiffness=twist, linear_damping=2.0, angular_damping=0.0
     )
     around = (np.arange(SEGMENT_COUNT) + 0.5) / SEGMENT_COUNT * 2.0 * np.pi
@@ -184,7 +171,7 @@ def test_the_direction_of_the_far_grip_is_that_in_which_the_cable_arrives():
     arc = np.append(0.0, np.cumsum(np.hypot(np.diff(y), np.diff(cubic))))
     at = np.linspace(0.0, arc[-1], SEGMENT_COUNT + 1)
     nodes[0, :, 1], nodes[0, :, 2] = np.interp(at, arc, y), 0.5 * np.interp(at, arc, cubic)
-    damped = with_params(linear_damping=5.0)
+    damped = CABLE.with_params(linear_damping=5.0)
     far = hold((0.0, span, 0.0), pitch=np.arctan(slope))
     rollout = play(damped, hold(), CableState.at_rest(nodes), 4.0, far_path=far)
     final = rollout.final_state.positions[0]
@@ -196,7 +183,7 @@ def test_the_direction_of_the_far_grip_is_that_in_which_the_cable_arrives():
 def test_a_scene_that_is_turned_to_hang_straight_down_moves_alike():
     # A curled, damped and twisted cable that nods and rolls: about the level, and about straight
     # down, through which its direction passes to and fro.
-    cable = with_params(angular_damping=5.0, rest_curvature=1.5, damping_time=0.01)
+    cable = CABLE.with_params(angular_damping=5.0, rest_curvature=1.5, damping_time=0.01)
     results = []
     for pitch in (0.0, DOWN):
         turned = np.array(
@@ -257,7 +244,7 @@ def lengths_and_diameters(cable=CABLE):
 
 
 def test_cantilevers_of_a_batch_sag_each_by_its_length():
-    damped = with_params(linear_damping=5.0, bend_stiffness=5e-3)
+    damped = CABLE.with_params(linear_damping=5.0, bend_stiffness=5e-3)
     cables = lengths_and_diameters(damped)
     nodes = np.concatenate([straight() * (c.length / LENGTH) for c in cables])
     engine = EngineWarp(segment_count=SEGMENT_COUNT, gravity=0.1, table=False, precision="double")
@@ -270,7 +257,7 @@ def test_cantilevers_of_a_batch_sag_each_by_its_length():
 
 
 def test_a_cable_of_a_batch_is_cast_as_it_is_alone():
-    limp = with_params(bend_stiffness=5e-4, rolling_friction=1e-3, spinning_friction=1e-3)
+    limp = CABLE.with_params(bend_stiffness=5e-4, rolling_friction=1e-3, spinning_friction=1e-3)
     cables = lengths_and_diameters(limp)
     path = GripPath.fit(
         np.linspace(0.0, 0.5, 20),

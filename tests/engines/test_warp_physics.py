@@ -1,54 +1,27 @@
 """The physics of EngineWarp against closed forms."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from benchmarks.validation.scenes import (
+    LENGTH,
+    LOCKED,
+    RADIUS,
+    from_edges,
+    make_cable,
+    straight,
+)
 
-from cablecast.cable import Cable, CableParams
+from cablecast.cable import Cable
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.grip_path import GripPath
 
 GRAVITY = 9.81
-LENGTH = 0.6
-RADIUS = 0.005
-
-# A rope without bending, friction or damping; tests switch on what they look at. Its rolling
-# friction has a longer lever than its radius, so that it slides and never rolls.
-BARE = CableParams(
-    twist_stiffness=0.0,
-    bend_stiffness=0.0,
-    mass=0.05,
-    endpoint_mass=0.0,
-    lateral_friction=0.0,
-    worksurface_friction=0.0,
-    spinning_friction=0.0,
-    rolling_friction=0.1,
-    linear_damping=0.0,
-    angular_damping=0.0,
-)
 
 
 def cable(**params) -> Cable:
-    return Cable(
-        name="test",
-        length=LENGTH,
-        diameter=2 * RADIUS,
-        params=dataclasses.replace(BARE, **params),
-    )
-
-
-def straight(segment_count, start, direction, velocity=(0.0, 0.0, 0.0)) -> CableState:
-    s = np.linspace(0.0, LENGTH, segment_count + 1)[:, None]
-    positions = (np.asarray(start) + s * np.asarray(direction))[None]
-    state = CableState.at_rest(positions)
-    return dataclasses.replace(state, velocities=state.velocities + np.asarray(velocity))
-
-
-def chain(steps, start):
-    """Nodes of a cable from its edge vectors."""
-    return np.vstack([np.zeros(3), np.cumsum(steps, axis=0)]) + np.asarray(start)
+    """Return a rope that slides and never rolls, on a table without friction."""
+    return make_cable(**{"worksurface_friction": 0.0, "rolling_friction": LOCKED} | params)
 
 
 def drive(start, velocity, duration, yaw=0.0, pitch=0.0):
@@ -115,7 +88,7 @@ def bent_cable_after_a_minute(params_of_cable, bend):
     rollout = engine(segment_count).rollout(
         c,
         GripPath.hold([0, 0, RADIUS, 0, 0], 1.0),
-        CableState.at_rest(chain(step, (0, 0, RADIUS))[None]),
+        CableState.at_rest(from_edges(step, (0, 0, RADIUS))[None]),
         duration=61.0,
         sample_dt=1.0,
         record_nodes=True,
@@ -189,7 +162,7 @@ def test_a_hanging_chain_swings_in_its_modes_with_the_periods_of_bessel(mode):
     amplitude = 1e-3
     slope = np.diff(amplitude * shape) / (LENGTH / segment_count)
     step = LENGTH / segment_count * np.stack([slope, 0 * slope, -np.sqrt(1 - slope**2)], axis=1)
-    positions = chain(step, (0, 0, 1.0))
+    positions = from_edges(step, (0, 0, 1.0))
     period = 2 * np.pi / omega
     rollout = engine(segment_count).rollout(
         c,

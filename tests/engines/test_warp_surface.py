@@ -5,33 +5,20 @@ import dataclasses
 import numpy as np
 import pytest
 from benchmarks import energy
+from benchmarks.validation.scenes import LENGTH, LOCKED, RADIUS, make_cable
 
-from cablecast.cable import AIR_DENSITY, CABLE_NAMES, Cable, CableParams, load_cable
+from cablecast.cable import AIR_DENSITY, CABLE_NAMES, Cable, load_cable
 from cablecast.engines import make_engine
 from cablecast.engines.base import GRAVITY, CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
-LENGTH, RADIUS, MASS, SEGMENT_COUNT = 0.6, 0.005, 0.02, 20
+MASS, SEGMENT_COUNT = 0.02, 20
 FRICTION = 0.4
-CABLE = Cable(
-    name="rope",
-    length=LENGTH,
-    diameter=2.0 * RADIUS,
-    params=CableParams(
-        twist_stiffness=0.0,
-        bend_stiffness=1e-4,
-        mass=MASS,
-        endpoint_mass=0.0,
-        lateral_friction=FRICTION,
-        worksurface_friction=1.0,
-        spinning_friction=0.0,
-        # A lever far above the radius: segments slide and do not roll.
-        rolling_friction=0.1,
-        linear_damping=0.0,
-        angular_damping=0.0,
-    ),
+# A lever of rolling friction far above the radius: segments slide and do not roll.
+CABLE = make_cable(
+    bend_stiffness=1e-4, mass=MASS, lateral_friction=FRICTION, rolling_friction=LOCKED
 )
 DRAG = 1.2
 K = 0.5 * AIR_DENSITY * DRAG * 2.0 * RADIUS * LENGTH / MASS
