@@ -1,7 +1,5 @@
 """Forces that EngineWarp records: tension along the cable, and the pull on its grippers."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from benchmarks.validation.scenes import LENGTH, MASS, make_cable
@@ -188,8 +186,8 @@ def test_a_cable_so_stiff_that_rounding_competes_with_friction_is_warned_of(
     coarse.rollout(cable, hold((0.0, 0.6, 0.02)), duration=0.01)
     assert [("may creep" in str(w.message)) for w in recwarn] == [True] * warned
     # A fit's worlds, double precision and a cable in the air are left alone.
-    many = dataclasses.replace(cable.params, mass=np.full(2, MASS))
-    coarse.rollout(cable.with_params(many), hold((0.0, 0.6, 0.02)), duration=0.01)
+    many = cable.with_params(mass=np.full(2, MASS))
+    coarse.rollout(many, hold((0.0, 0.6, 0.02)), duration=0.01)
     EngineWarp(segment_count=50, precision="double").rollout(
         cable, hold((0.0, 0.6, 0.02)), duration=0.01
     )
@@ -205,8 +203,7 @@ def test_single_precision_lets_a_bent_cable_creep_where_it_warns_and_double_hold
     edges = np.stack([np.sin(angles), np.cos(angles), 0 * angles], axis=2) * LENGTH / 50
     nodes = np.pad(np.cumsum(edges, axis=1), ((0, 0), (1, 0), (0, 0)))
     nodes[..., 2] = CABLE.radius
-    params = dataclasses.replace(
-        CABLE.params,
+    cables = CABLE.with_params(
         bend_stiffness=stiffness,
         mass=np.full(2, mass),
         endpoint_mass=np.zeros(2),
@@ -215,7 +212,7 @@ def test_single_precision_lets_a_bent_cable_creep_where_it_warns_and_double_hold
     moved = {}
     for precision in ("single", "double"):
         rollout = EngineWarp(50, 5e-4, precision=precision, rest_speed=0.0).rollout(
-            CABLE.with_params(params),
+            cables,
             hold((0.0, 0.0, CABLE.radius)),
             CableState.at_rest(nodes),
             duration=5.0,

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from benchmarks.validation import scenes
 from benchmarks.validation.scenes import LENGTH, make_cable
 
 from cablecast.cable import Cable
@@ -33,11 +34,6 @@ CABLE = make_cable(
 )
 
 
-def resting(cable):
-    """Return a cable in air that soon brings it to rest."""
-    return cable.with_params(linear_damping=3.0)
-
-
 def first_mode(amplitude):
     """Return a cantilever along y, bent into its first mode [m], shape [1, node, 3]."""
     s = np.linspace(0.0, LENGTH, SEGMENT_COUNT + 1)
@@ -59,10 +55,7 @@ def swing(cable, nodes, duration, path=None, **options):
 
 
 def straight():
-    nodes = np.zeros((1, SEGMENT_COUNT + 1, 3))
-    nodes[0, :, 1] = np.linspace(0.0, LENGTH, SEGMENT_COUNT + 1)
-    nodes[0, :, 2] = HEIGHT
-    return nodes
+    return scenes.straight(SEGMENT_COUNT, START, (0.0, 1.0, 0.0)).positions
 
 
 @pytest.mark.parametrize("damping_time", [0.005, 0.05])
@@ -128,9 +121,14 @@ def test_a_bent_cable_that_is_turned_with_both_grips_feels_no_dashpot():
     assert np.abs(halfway.roll).max() < 0.003
 
 
+def curled(curvature):
+    """Return a curled cable in air that soon brings it to rest."""
+    return CABLE.with_params(rest_curvature=curvature, damping_time=0.05, linear_damping=3.0)
+
+
 def test_a_curled_cable_that_nothing_bends_is_an_arc_to_the_left():
     curvature = 2.0
-    cable = resting(CABLE.with_params(rest_curvature=curvature, damping_time=0.05))
+    cable = curled(curvature)
     rollout = swing(cable, straight(), 5.0)
     end = [-(1 - np.cos(curvature * LENGTH)) / curvature, np.sin(curvature * LENGTH) / curvature]
     # 30 segments are a polygon: off by l² curvature² / 24.
@@ -140,7 +138,7 @@ def test_a_curled_cable_that_nothing_bends_is_an_arc_to_the_left():
 
 def test_a_curl_rolls_with_the_gripper():
     curvature = 2.0
-    cable = resting(CABLE.with_params(rest_curvature=curvature, damping_time=0.05))
+    cable = curled(curvature)
     times = np.linspace(0.0, 1.0, 30)
     poses = np.tile([*START, 0.0, 0.0], (30, 1))
     share = times**3 * (10 - 15 * times + 6 * times**2)
@@ -169,7 +167,7 @@ def test_the_energy_of_a_material_is_no_growth():
 
 def sagging(cable, duration):
     """Return how far the end of a cantilever hangs down, after 3 s and at the end [m]."""
-    slow = dataclasses.replace(cable, params=dataclasses.replace(cable.params, linear_damping=0.5))
+    slow = cable.with_params(linear_damping=0.5)
     engine = EngineWarp(segment_count=SEGMENT_COUNT, rest_speed=0.0, gravity=GENTLE_PULL)
     path = GripPath.hold([*START, 0.0, 0.0], 0.1)
     state = CableState.at_rest(straight())

@@ -1,7 +1,5 @@
 """Whole scenes with EngineWarp: lifting the cable, letting it hang, swinging, dragging it back."""
 
-import dataclasses
-
 import numpy as np
 
 from cablecast.cable import load_cable
@@ -10,8 +8,7 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.grip_path import GripPath
 
 # As much damping as three seconds of hanging need to settle.
-PRESET = load_cable("cable_1")
-CABLE = dataclasses.replace(PRESET, params=dataclasses.replace(PRESET.params, linear_damping=1.5))
+CABLE = load_cable("cable_1").with_params(linear_damping=1.5)
 GRIP_HEIGHT = 0.02
 
 

@@ -1,15 +1,14 @@
 """Drag of the air and friction with a grain, against closed forms."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from benchmarks import energy
+from benchmarks.validation import scenes
 from benchmarks.validation.scenes import LENGTH, LOCKED, RADIUS, make_cable
 
 from cablecast.cable import AIR_DENSITY, CABLE_NAMES, Cable, load_cable
 from cablecast.engines import make_engine
-from cablecast.engines.base import GRAVITY, CableState
+from cablecast.engines.base import GRAVITY
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
@@ -30,18 +29,12 @@ ALONG, ACROSS = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 
 def follow(law, duration, height=0.0):
     """Return a grip that follows a law of motion [m], [step] to [step, 3], for a time [s]."""
-    times = np.linspace(0.0, duration, 200)
-    poses = np.zeros((len(times), 5))
-    poses[:, :3] = law(times)
-    poses[:, 2] += height
-    return GripPath.fit(times, poses)
+    return scenes.fitted(lambda times: law(times) + [0.0, 0.0, height], duration)
 
 
 def moving(velocity, height=0.0, direction=ALONG):
     """Return a straight cable that moves as a whole [m/s]."""
-    along = np.linspace(0.0, LENGTH, SEGMENT_COUNT + 1)[:, None] * np.asarray(direction)
-    state = CableState.at_rest(along[None] + [0.0, 0.0, height])
-    return dataclasses.replace(state, velocities=state.velocities + np.asarray(velocity))
+    return scenes.straight(SEGMENT_COUNT, (0.0, 0.0, height), direction, velocity)
 
 
 def made_of(drag=1e-9, ratio=1.0 + 1e-6):
