@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cablecast.cast import TrialStatus
-from cablecast.data.recordings import read_recordings
+from cablecast.data.recordings import ACTION_COLUMNS, read_recordings
 from cablecast.errors import DatasetError, InputError
 from cablecast.files import SIZE_MAX
 from cablecast.motion.action import Action
@@ -43,8 +43,7 @@ def table_of(casts, motion):
                 x, y, z, yaw, _ = path.evaluate([time])[0, 0]
                 row |= {"grip_x_m": x, "grip_y_m": y, "grip_z_m": z, "grip_yaw_rad": yaw}
         if motion == "action":
-            names = ("theta1_rad", "theta2_rad", "r2_m", "psi_rad")
-            samples[0.0] |= dict(zip(names, casts.actions[number], strict=True))
+            samples[0.0] |= dict(zip(ACTION_COLUMNS, casts.actions[number], strict=True))
         rows += [
             {"cast": f"take {number}", "time_s": time} | samples[time] for time in sorted(samples)
         ]
@@ -226,8 +225,7 @@ def log_of_a_controller(troubles=True):
             q = [np.interp(time - LAG, commanded.times, commanded.q[:, k]) for k in range(6)]
             row = {"cast": f"take {number}", "time_s": time, "x_m": 0.2, "y_m": 1.0}
             row |= {f"q{k + 1}_rad": angle for k, angle in enumerate(q)}
-            names = ("theta1_rad", "theta2_rad", "r2_m", "psi_rad")
-            row |= dict(zip(names, action.to_array(), strict=True))
+            row |= dict(zip(ACTION_COLUMNS, action.to_array(), strict=True))
             if troubles and tick == 20:
                 rows.append(dict(row))
             if troubles and tick in (30, 40, 50, 60):
