@@ -6,11 +6,9 @@ from benchmarks import energy
 from benchmarks.validation import scenes
 from benchmarks.validation.scenes import LENGTH, LOCKED, RADIUS, make_cable
 
-from cablecast.cable import AIR_DENSITY, CABLE_NAMES, Cable, load_cable
-from cablecast.engines import make_engine
+from cablecast.cable import AIR_DENSITY, CABLE_NAMES, load_cable
 from cablecast.engines.base import GRAVITY
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
 MASS, SEGMENT_COUNT = 0.02, 20
@@ -213,23 +211,3 @@ def test_a_material_that_does_nothing_changes_no_bit():
     offset = cast(mixed).endpoint_xyz[:7] - plain[:7]
     assert np.median(np.abs(offset)) < 1e-6
     assert np.abs(offset).max() < 1e-3
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"drag_coefficient": -1.0}, "drag_coefficient = -1 is outside"),
-        ({"friction_ratio": 0.0}, "friction_ratio = 0 is outside"),
-    ],
-)
-def test_values_out_of_bounds_are_refused(values, words):
-    with pytest.raises(InputError, match=words):
-        CABLE.with_params(**values)
-
-
-@pytest.mark.parametrize("values", [{"drag_coefficient": 1.0}, {"friction_ratio": 0.5}])
-def test_other_engines_refuse_drag_and_grain_and_files_keep_them(values):
-    cable = CABLE.with_params(**values)
-    assert Cable.from_dict(cable.to_dict()) == cable
-    with pytest.raises(InputError, match="knows no material"):
-        make_engine("mujoco").rollout(cable, GripPath.hold([0.0, 0.5, 0.005, 0.0, 0.0], 0.1))
