@@ -9,6 +9,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.data.killed import contents
 from tools.attack import damaged_bytes, damaged_json
 from tools.small_results import SMALL, digests
 
@@ -58,10 +59,6 @@ READINGS = {
 }
 # Files for people, which no verb reads.
 UNREAD = ("README.md", "stats.json", "model.json")
-
-
-def contents(folder):
-    return {file: file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file()}
 
 
 def ask(words, capsys):
@@ -124,11 +121,11 @@ def test_damage_is_refused_or_of_no_consequence(name, in_copy, capsys):
     for number in range(reading.count):
         file = files[number] if number < min(len(files), reading.count) else rng.choice(files)
         damage = damaged_json if file.suffix == ".json" and number % 2 else damaged_bytes
-        label, content = damage(before[file], rng)
+        place = str(file.relative_to(in_copy))
+        label, content = damage(before[place], rng)
         label = f"{file.name}: {label}"
         file.write_bytes(content)
         status, out, lines = ask(words, capsys)
-        place = str(file.relative_to(in_copy))
         found = digests(in_copy)
         wanted = good | {place: found[place]}
         if status == 0:
@@ -142,7 +139,7 @@ def test_damage_is_refused_or_of_no_consequence(name, in_copy, capsys):
             assert {name: wanted[name] for name in found} == found, label
             refused += 1
         for changed, was in before.items():
-            changed.write_bytes(was)
+            (in_copy / changed).write_bytes(was)
         for missing in reading.missing:
             (in_copy / "runs" / missing).unlink(missing_ok=True)
     assert refused > reading.count / 3
