@@ -1,13 +1,11 @@
 import dataclasses
-import pathlib
 
 import numpy as np
 import pytest
+from tests.rigs.conftest import TWIN_FILE
 
 from cablecast.motion.polar import reset_pose
 from cablecast.setup import Setup, load_setup
-
-TWIN_FILE = pathlib.Path(__file__).parents[3] / "examples" / "twin.yaml"
 
 
 @pytest.fixture(scope="session")
