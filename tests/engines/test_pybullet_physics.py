@@ -5,6 +5,7 @@ import pytest
 from benchmarks.validation import scenes
 from benchmarks.validation.scenes import LENGTH, MASS, RADIUS, make_cable
 from benchmarks.validation.shape import heavy_elastica
+from tests.engines.grips import sweep
 
 from cablecast.cable import load_cable
 from cablecast.motion.grip_path import GripPath
@@ -78,14 +79,10 @@ def test_the_softest_and_the_stiffest_cable_stay_finite_at_the_papers_step(stiff
     cable = load_cable("cable_1").with_params(
         bend_stiffness=stiffness, twist_stiffness=10.0 * stiffness
     )
-    times = np.linspace(0.0, 0.4, 30)
-    u = times / 0.4
-    theta = 0.8 * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    poses = np.zeros((30, 5))
-    poses[:, 0], poses[:, 1] = 0.6 * np.sin(theta), 0.6 * np.cos(theta)
-    poses[:, 2], poses[:, 3] = 0.02, theta
-    rollout = EnginePybullet().rollout(cable, GripPath.fit(times, poses), duration=0.8)
+    path = sweep(0.8, 0.4)
+    rollout = EnginePybullet().rollout(cable, path, duration=0.8)
     assert rollout.finite.all()
     # Nothing has been torn off: the endpoint is where a cable of this length can reach.
-    reach = np.linalg.norm(rollout.final_state.positions[0] - poses[-1, :3], axis=-1)
+    grip = path.evaluate([0.4])[0, 0, :3]
+    reach = np.linalg.norm(rollout.final_state.positions[0] - grip, axis=-1)
     assert reach.max() < cable.length * 1.001

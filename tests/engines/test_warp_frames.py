@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from benchmarks.validation.scenes import LENGTH, RADIUS, make_cable
+from tests.engines.grips import smooth
 
 from cablecast.engines import make_engine
 from cablecast.engines.base import CableState
@@ -33,12 +34,6 @@ def straight(direction=(0.0, 1.0, 0.0)):
 
 def hold(position=(0.0, 0.0, 0.0), yaw=0.0, pitch=0.0):
     return GripPath.hold([*position, yaw, pitch], 0.1)
-
-
-def smooth(times):
-    """Return a path from 0 to 1 in a second, at rest at both ends."""
-    share = np.clip(times, 0.0, 1.0)
-    return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
 
 def moved(turn=None, **channels):

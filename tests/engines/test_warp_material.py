@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from benchmarks.validation import scenes
 from benchmarks.validation.scenes import LENGTH, make_cable
+from tests.engines.grips import smooth
 
 from cablecast.cable import Cable
 from cablecast.engines import make_engine
@@ -108,8 +109,7 @@ def test_a_bent_cable_that_is_turned_with_both_grips_feels_no_dashpot():
     side, nodes = radius * np.sin(s), straight()
     nodes[0, :, 1], nodes[0, :, 2] = side, HEIGHT - radius * (1.0 - np.cos(s))
     times = np.linspace(0.0, time, 61)
-    share = times / time
-    yaw = turn * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    yaw = turn * smooth(times / time)
 
     def grip(node, pitch):
         x, y, z = side[node] * np.sin(yaw), side[node] * np.cos(yaw), 0 * yaw + nodes[0, node, 2]
@@ -141,8 +141,7 @@ def test_a_curl_rolls_with_the_gripper():
     cable = curled(curvature)
     times = np.linspace(0.0, 1.0, 30)
     poses = np.tile([*START, 0.0, 0.0], (30, 1))
-    share = times**3 * (10 - 15 * times + 6 * times**2)
-    path = GripPath.fit(times, poses, 0.5 * np.pi * share)
+    path = GripPath.fit(times, poses, 0.5 * np.pi * smooth(times))
     rollout = swing(cable, straight(), 5.0, path)
     side = (1 - np.cos(curvature * LENGTH)) / curvature
     # A quarter of a turn about +y takes the left, -x, to the top.

@@ -1,6 +1,7 @@
 """Whole scenes with EngineWarp: lifting the cable, letting it hang, swinging, dragging it back."""
 
 import numpy as np
+from tests.engines.grips import smooth
 
 from cablecast.cable import load_cable
 from cablecast.engines.base import CableState, reset_state
@@ -15,8 +16,7 @@ GRIP_HEIGHT = 0.02
 def glide(start, end, duration):
     """Return a grip that moves from one pose to another, at rest at both ends."""
     times = np.linspace(0.0, duration, 60)
-    share = times / duration
-    share = share**3 * (10 - 15 * share + 6 * share**2)
+    share = smooth(times / duration)
     start, end = np.asarray(start, float), np.asarray(end, float)
     return GripPath.fit(times, start + share[:, None] * (end - start))
 

@@ -5,6 +5,7 @@ import pytest
 from benchmarks import energy
 from benchmarks.validation import scenes
 from benchmarks.validation.scenes import LENGTH, LOCKED, RADIUS, make_cable
+from tests.engines.grips import sweep
 
 from cablecast.cable import AIR_DENSITY, CABLE_NAMES, load_cable
 from cablecast.engines.base import GRAVITY
@@ -168,15 +169,7 @@ def test_a_cable_that_slides_askew_turns_to_where_friction_is_less():
 
 def cast(material=None, count=8, **options):
     """Return landings of some swings of a cable with a material."""
-    times = np.linspace(0.0, 0.6, 30)
-    share = times / 0.6
-    share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-    paths = []
-    for angle in np.linspace(-1.0, 1.0, count):
-        poses = np.zeros((len(times), 5))
-        poses[:, 0], poses[:, 1] = 0.6 * np.sin(angle * share), 0.6 * np.cos(angle * share)
-        poses[:, 2], poses[:, 3] = 0.02, angle * share
-        paths.append(GripPath.fit(times, poses))
+    paths = [sweep(angle, 0.6) for angle in np.linspace(-1.0, 1.0, count)]
     cable = CABLE.with_params(rolling_friction=1e-3, twist_stiffness=1e-4, **(material or {}))
     engine = EngineWarp(segment_count=SEGMENT_COUNT, dt=1e-3, **options)
     return engine.rollout(cable, GripPath.stack(paths))
