@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 from tests.learning.synthetic_casts import SETUP, linear_model
+from tests.robot import ROBOT
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.errors import CheckpointError, InputError
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
@@ -79,14 +79,7 @@ def test_a_policy_of_equation_1_does_not_take_the_place_of_the_one_it_was_made_o
 
 
 def test_a_policy_in_a_robots_box_is_saved_too(policy, tmp_path):
-    robot = RobotConfig(
-        address="192.0.2.1",
-        payload_mass=1.0,
-        payload_cog=(0.0, 0.0, 0.05),
-        box_low=(-1.0, 0.1, -0.3),
-        box_high=(1.0, 1.0, 1.0),
-    )
-    there = policy.in_lab(dataclasses.replace(SETUP, robot=robot))
+    there = policy.in_lab(dataclasses.replace(SETUP, robot=ROBOT))
     there.save(tmp_path)
     again = ForwardSearchPolicy.load(tmp_path)
     assert again.setup.robot is None
