@@ -283,18 +283,6 @@ def test_an_unknown_cable_is_refused_and_the_known_ones_are_listed(verb, capsys,
     assert contents(in_new_folder) == {}
 
 
-def test_a_target_out_of_reach_names_the_radius_and_the_bound(model_folder, capsys):
-    line = refused(["plan", "--model", model_folder, "--target", "1.6", "0"], capsys)
-    assert "1.600 m" in line
-    assert "1.560 m" in line
-
-
-def test_a_target_off_the_table_names_the_edges(model_folder, capsys):
-    line = refused(["plan", "--model", model_folder, "--target", "1.5", "80"], capsys)
-    assert "off the table" in line
-    assert "1.375" in line
-
-
 def test_a_cable_file_with_a_bad_value_names_it(capsys, in_new_folder):
     values = load_cable("cable_1").to_dict()
     values["params"]["mass"] = -0.05

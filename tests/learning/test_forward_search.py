@@ -6,7 +6,7 @@ import pytest
 from tests.learning.synthetic_casts import CABLE, SETUP, linear_model
 
 from cablecast.conventions import mirror_xy
-from cablecast.errors import InputError, TargetError
+from cablecast.errors import InputError
 from cablecast.learning.policy import COVERAGE_PCT, TIE_PCT, ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.feasibility import check_actions
@@ -132,20 +132,6 @@ def test_one_target_and_many_get_the_same_plans(policy):
         assert len(alone) == 1
         # Products of larger batches are summed in another order.
         np.testing.assert_allclose(alone.actions[0], together.actions[row], atol=SINGLE)
-
-
-@pytest.mark.parametrize(
-    ("target", "words"),
-    [
-        ([np.nan, 1.0], "not finite"),
-        ([0.0, 1.7], r"out of reach: r must be at most 1.560 m"),
-        ([1.4, 0.3], "off the table"),
-        ([0.2, -0.3], "off the table"),
-    ],
-)
-def test_targets_that_cannot_be_asked_for_are_refused(policy, target, words):
-    with pytest.raises(TargetError, match=words):
-        policy.plan([[0.3, 1.1], target])
 
 
 def test_candidates_are_feasible_and_the_same_for_the_same_seed():
