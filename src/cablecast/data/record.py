@@ -28,6 +28,7 @@ from cablecast.errors import (
     InputError,
     RigError,
     StoppedError,
+    check_choice,
     check_count,
 )
 from cablecast.files import core_count, temporary_prefix
@@ -344,10 +345,9 @@ def sample_actions(
 
     They are uniform over the ranges, those that suit the set-up where None, or on a grid of them.
     """
+    check_choice("sampling", sampling, typing.get_args(Sampling))
     if sampling == "uniform":
         return feasible_uniform(count, setup, ranges, seed)
-    if sampling != "grid":
-        raise InputError(f"unknown sampling {sampling!r}: one of uniform, grid")
     actions = feasible_grid(count, setup, ranges, seed)
     # Shuffled, so that a rig that drifts does not make its drift look like an effect of an action.
     return np.random.default_rng([seed, 1]).permutation(actions)
