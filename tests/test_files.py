@@ -195,6 +195,9 @@ def test_a_sealed_file_is_read_back_and_any_change_is_noticed(tmp_path):
         file.write_text(text.replace(old, new))
         with pytest.raises(DamagedFileError, match="checksum"):
             read_sealed(file)
+    file.write_text('{"losses": ' + "[" * 900 + "]" * 900 + "}")
+    with pytest.raises(DamagedFileError, match="is damaged"):
+        read_sealed(file)
 
 
 def test_csv_of_a_spreadsheet_is_read_and_a_missing_column_or_cell_named(tmp_path):

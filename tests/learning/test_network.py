@@ -92,22 +92,6 @@ def test_extreme_features_do_not_make_a_prediction_non_finite(random_model):
     assert np.all(np.isfinite(random_model.predict(np.full((1, 4), -1e4))))
 
 
-def test_margins_are_interpolated_between_simulated_actions(random_model):
-    normalised = random_model.margin_features[:5]
-    features = normalised * random_model.feature_scale + random_model.feature_mean
-    features[:, 3] += features[:, 1]
-    at_rows = random_model.predict_margin(features)
-    np.testing.assert_allclose(at_rows, random_model.margins[:5], atol=1e-3)
-    everywhere = random_model.predict_margin(ACTIONS)
-    assert random_model.margins.min() <= everywhere.min()
-    assert everywhere.max() <= random_model.margins.max()
-
-
-def test_actions_of_the_wrong_shape_are_refused(random_model):
-    with pytest.raises(InputError, match=r"shape \(4,\)"):
-        random_model.predict(np.ones(4))
-
-
 pytest.importorskip("torch")
 
 pytestmark = pytest.mark.usefixtures("one_core")
