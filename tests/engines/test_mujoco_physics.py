@@ -4,11 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from benchmarks.validation import scenes
-from benchmarks.validation.scenes import LENGTH, MASS, RADIUS, make_cable
+from benchmarks.validation.scenes import LENGTH, MASS, RADIUS, make_cable, straight
 from benchmarks.validation.shape import heavy_elastica
 
-from cablecast.engines.base import CableState
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
@@ -17,11 +15,6 @@ mujoco = pytest.importorskip("mujoco")
 from cablecast.engines.mujoco_ import EngineMujoco  # noqa: E402
 
 GRAVITY = 9.81
-
-
-def straight(segment_count, height, velocity=(0.0, 0.0, 0.0)) -> CableState:
-    """Return a cable along y."""
-    return scenes.straight(segment_count, (0.0, 0.0, height), (0.0, 1.0, 0.0), velocity)
 
 
 def sideways(distance_at, duration) -> GripPath:
@@ -37,7 +30,7 @@ def sideways(distance_at, duration) -> GripPath:
 def test_a_clamped_cable_hangs_as_the_heavy_elastica(bend_stiffness):
     c = make_cable(bend_stiffness=bend_stiffness, linear_damping=5.0, angular_damping=50.0)
     path = GripPath.hold([0, 0, 2, 0, 0], 1.0)
-    rollout = EngineMujoco(24).rollout(c, path, straight(24, 2.0), duration=5.0)
+    rollout = EngineMujoco(24).rollout(c, path, straight(24, (0, 0, 2.0), (0, 1, 0)), duration=5.0)
     tip = rollout.endpoint_xyz[0, -1, 1:] - [0.0, 2.0]
     expected = heavy_elastica(bend_stiffness, MASS * GRAVITY / LENGTH)[-1]
     assert expected[1] < -0.2  # it does hang far
@@ -51,7 +44,7 @@ def test_a_cable_sliding_sideways_stops_after_v_squared_over_2_mu_g():
     # Some bending keeps neighbours together, which hop by a millimetre at their own instants each.
     c = make_cable(lateral_friction=friction, bend_stiffness=1e-3)
     path = sideways(lambda t: speed * t - 0.5 * friction * GRAVITY * t**2, stop)
-    state = straight(12, RADIUS, velocity=(speed, 0, 0))
+    state = straight(12, (0, 0, RADIUS), (0, 1, 0), (speed, 0, 0))
     engine = EngineMujoco(12, 2.5e-4, rolling=False)
     rollout = engine.rollout(c, path, state, duration=0.4)
     expected = speed**2 / (2 * friction * GRAVITY)
@@ -69,7 +62,7 @@ def test_a_cable_pushed_sideways_ends_up_rolling_at_two_thirds_of_its_speed():
         return np.where(t < slip, sliding, rolling)
 
     c = make_cable(lateral_friction=friction)
-    state = straight(10, RADIUS, velocity=(speed, 0, 0))
+    state = straight(10, (0, 0, RADIUS), (0, 1, 0), (speed, 0, 0))
     rollout = EngineMujoco(10, 2.5e-4).rollout(
         c, sideways(moved, 0.25), state, duration=0.25, sample_dt=0.05
     )
@@ -88,7 +81,7 @@ def test_a_twisted_cable_swings_at_its_torsional_frequency():
     inertia = 0.5 * MASS / LENGTH * RADIUS**2
     period = 4.0 * LENGTH / np.sqrt(stiffness / inertia)
     middle = (np.arange(segment_count) + 0.5) / segment_count
-    state = straight(segment_count, 1.0)
+    state = straight(segment_count, (0, 0, 1.0), (0, 1, 0))
     mode = 0.3 * np.sin(0.5 * np.pi * middle)[None]
     state = dataclasses.replace(state, roll=mode)
     path = GripPath.hold([0, 0, 1, 0, 0], 1.0)
@@ -138,7 +131,7 @@ def test_a_stopped_cable_can_be_taken_up_again():
 def test_a_world_that_blows_up_leaves_no_log_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     c = make_cable(bend_stiffness=3e-4)
-    state = straight(6, 0.1, velocity=(1e9, 0.0, 1e9))
+    state = straight(6, (0, 0, 0.1), (0, 1, 0), (1e9, 0.0, 1e9))
     path = GripPath.hold([0, 0, 0.1, 0, 0], 1.0)
     rollout = EngineMujoco(6).rollout(c, path, state, duration=0.2)
     assert not rollout.finite[0]

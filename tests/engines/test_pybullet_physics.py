@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.validation import scenes
-from benchmarks.validation.scenes import LENGTH, MASS, RADIUS, make_cable
+from benchmarks.validation.scenes import LENGTH, MASS, RADIUS, make_cable, straight
 from benchmarks.validation.shape import heavy_elastica
 from tests.engines.grips import sweep
 
@@ -21,11 +20,6 @@ ELASTICA_TOLERANCE = 0.01 * LENGTH
 SLIDE_TOLERANCE = 0.05
 
 
-def straight(count, height, velocity=(0.0, 0.0, 0.0)):
-    """Return a cable along y."""
-    return scenes.straight(count, (0.0, 0.0, height), (0.0, 1.0, 0.0), velocity)
-
-
 def test_a_cantilever_sags_as_the_heavy_elastica():
     stiffness, count = 3e-3, 18
     cable = make_cable(bend_stiffness=stiffness, linear_damping=4.0, angular_damping=50.0)
@@ -34,7 +28,7 @@ def test_a_cantilever_sags_as_the_heavy_elastica():
     rollout = EnginePybullet(count, DEFAULT_DT / 2).rollout(
         cable,
         GripPath.hold([0, 0, 2.0, 0, 0], 1.0),
-        straight(count, 2.0),
+        straight(count, (0, 0, 2.0), (0, 1, 0)),
         duration=4.0,
     )
     np.testing.assert_allclose(rollout.endpoint_xyz[0, -1, 1:], expected, atol=ELASTICA_TOLERANCE)
@@ -54,7 +48,7 @@ def test_a_sliding_cable_stops_after_v_squared_over_2_mu_g(lateral, surface):
     poses = np.zeros((100, 5))
     poses[:, 0] = speed * times - 0.5 * friction * GRAVITY * times**2
     poses[:, 2] = RADIUS
-    state = straight(18, RADIUS, (speed, 0.0, 0.0))
+    state = straight(18, (0, 0, RADIUS), (0, 1, 0), (speed, 0.0, 0.0))
     rollout = EnginePybullet().rollout(
         cable, GripPath.fit(times, poses), state, duration=times[-1] + 0.3
     )
@@ -68,7 +62,7 @@ def test_the_far_half_of_a_cable_hangs_lower_the_heavier_its_endpoint():
     rollout = EnginePybullet().rollout(
         cable,
         GripPath.hold([0, 0, 2.0, 0, 0], 1.0),
-        straight(18, 2.0),
+        straight(18, (0, 0, 2.0), (0, 1, 0)),
         duration=3.0,
     )
     assert rollout.endpoint_xyz[1, -1, 2] < rollout.endpoint_xyz[0, -1, 2] - 0.01
