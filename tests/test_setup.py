@@ -5,8 +5,9 @@ import re
 import numpy as np
 import pytest
 import yaml
+from tests.robot import ROBOT
 
-from cablecast.arm.robot import Obstacle, RobotConfig
+from cablecast.arm.robot import Obstacle
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable, save_cable
 from cablecast.camera.settings import CameraSettings
@@ -21,15 +22,8 @@ OTHER = Setup(
     arm=ArmUR(model="ur5e", base_yaw_deg=90.0, measured=True),
     motion=MotionConfig(v_max=1.2),
 )
-ROBOT = RobotConfig(
-    address="127.0.0.1",
-    payload_mass=0.9,
-    payload_cog=(0.0, 0.0, 0.05),
-    box_low=(-1.0, 0.1, 0.0),
-    box_high=(1.0, 1.0, 0.9),
-    obstacles=(Obstacle(start=(1.2, 1.0, 0.0), end=(1.2, 1.0, 2.0), radius=0.03),),
-)
-REAL = Setup(robot=ROBOT, camera=CameraSettings(source="0"))
+POST = Obstacle(start=(1.2, 1.0, 0.0), end=(1.2, 1.0, 2.0), radius=0.03)
+REAL = Setup(robot=dataclasses.replace(ROBOT, obstacles=(POST,)), camera=CameraSettings(source="0"))
 
 
 @pytest.mark.parametrize("setup", [Setup(), OTHER, REAL], ids=["default", "other", "real"])
@@ -111,7 +105,7 @@ def test_how_to_reach_robot_and_camera_does_not_change_what_was_done():
         ({"address": "one two"}, "robot address = 'one two' is neither"),
         ({"payload_mass": 30.0}, r"robot payload_mass = 30 kg is outside \[0, 20\]"),
         ({"payload_cog": (0.0, 0.0)}, "must be three numbers"),
-        ({"box_low": (-1.0, 0.1, 0.9)}, "must be below box_high"),
+        ({"box_low": (*ROBOT.box_low[:2], ROBOT.box_high[2])}, "must be below box_high"),
         ({"seen_safe": "yes"}, "must be true or false"),
         ({"obstacles": (1,)}, "must be at most 20 capsules"),
     ],
