@@ -31,17 +31,17 @@ def test_a_file_is_replaced_whole_and_leaves_nothing_else_behind(tmp_path):
     assert [entry.name for entry in file.parent.iterdir()] == ["a.txt"]
 
 
-def test_what_a_killed_process_left_is_removed_and_what_another_writes_stays(tmp_path):
+def test_what_a_killed_process_left_is_removed_and_what_another_writes_stays(
+    tmp_path, dead_process
+):
     file = tmp_path / "a.csv"
-    child = os.fork()
-    if child == 0:
-        (tmp_path / f"{temporary_prefix(file)}x.tmp").write_text("half")
-        (tmp_path / f"{temporary_prefix(file)}y.tmp").mkdir()
-        os._exit(0)
-    os.waitpid(child, 0)
-    alive = tmp_path / f"{temporary_prefix(file)}z.tmp"
+    ours = temporary_prefix(file)
+    gone = ours.replace(str(os.getpid()), str(dead_process))
+    (tmp_path / f"{gone}x.tmp").write_text("half")
+    (tmp_path / f"{gone}y.tmp").mkdir()
+    alive = tmp_path / f"{ours}z.tmp"
     alive.write_text("half")
-    other = tmp_path / f".b.csv.{child}-x.tmp"
+    other = tmp_path / f".b.csv.{dead_process}-x.tmp"
     other.write_text("of another file")
     remove_leftovers(file)
     assert set(tmp_path.iterdir()) == {alive, other}
@@ -195,6 +195,9 @@ def test_a_sealed_file_is_read_back_and_any_change_is_noticed(tmp_path):
         file.write_text(text.replace(old, new))
         with pytest.raises(DamagedFileError, match="checksum"):
             read_sealed(file)
+    file.write_text('{"losses": ' + "[" * 900 + "]" * 900 + "}")
+    with pytest.raises(DamagedFileError, match="is damaged"):
+        read_sealed(file)
 
 
 def test_csv_of_a_spreadsheet_is_read_and_a_missing_column_or_cell_named(tmp_path):

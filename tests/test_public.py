@@ -72,6 +72,7 @@ MISTAKES = {
     "EngineWarp('cpu')": "segment_count = 'cpu' is not a whole number",
     "EngineWarp().rollout(SETUP.cable, [[0.1, 0.2]])": "grip_path must be GripPath, not list",
     "Setup(arm='ur5e')": r"arm must be Arm, not str 'ur5e': ArmUR\(model='ur5e'\) makes one",
+    "Setup(camera='0')": "camera must be CameraSettings, not str '0'",
     "Setup(workspace={'table_width': 2.0})": r"must be Workspace, not dict: Workspace\(",
     "make_rig('engine', SETUP).execute((-0.5, 0.5))": "must be Trajectory, not tuple .*: plan_traj",
     "make_rig('virtual:9', SETUP)": "unknown rig 'virtual:9': one of virtual, virtual:4, virtual:5",

@@ -1,4 +1,4 @@
-"""Errors, and checks of input values: numbers, counts, seeds, names and keys.
+"""Errors, and checks of input values: numbers, counts, seeds, choices, names and keys.
 
 Every error that cablecast raises on purpose derives from CablecastError and from the matching
 built-in, so that `except ValueError` works too. A message is one line that names the offending
@@ -14,7 +14,7 @@ import os
 import pathlib
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 T = TypeVar("T", bound=Callable[..., Any])
@@ -168,6 +168,12 @@ def check_seed(seed: Any) -> int:
         InputError: It is not.
     """
     return check_count("seed", seed, 0, SEED_MAX)
+
+
+def check_choice(name: str, value: Any, choices: Sequence[str]) -> None:
+    """Raise an InputError that lists the choices if a value is none of them."""
+    if value not in choices:
+        raise InputError(f"{name} {str(value)[:40]!r} must be one of {', '.join(choices)}")
 
 
 def check_name(name: Any, what: str) -> str:

@@ -9,11 +9,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.conventions import polar_to_xy, xy_to_polar
+from cablecast.conventions import Array, polar_to_xy, xy_to_polar
 from cablecast.errors import InputError, TargetError, check_keys, check_ranges
 from cablecast.files import read_numbers
-
-Array = NDArray[np.float64]
 
 _SUPPORT_DEPTH = 0.466
 
@@ -193,7 +191,7 @@ def load_targets() -> Array:
     return np.array(read_numbers(file, ("x_m", "y_m"), 1))
 
 
-def _targets_from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> NDArray[np.float64]:
+def _targets_from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> Array:
     """Return targets [m] from radii [m] and angles [deg], shape [target, 2]."""
     if r is None or theta_deg is None:
         raise InputError("a target needs both r and theta_deg")
@@ -227,7 +225,7 @@ def _targets_from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> NDA
     return polar_to_xy(np.stack([radius, np.radians(angle)], axis=-1))
 
 
-def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def _numbers(name: str, values: ArrayLike) -> Array:
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):

@@ -1,43 +1,26 @@
 """A policy and a rig with closed forms: the rig lands elsewhere than the policy believes."""
 
 import dataclasses
-import itertools
 
 import numpy as np
+from tests.learning.synthetic_casts import CABLE, SETUP, linear_model
 
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.rigs.base import RigLifecycle, purpose_seed
-from cablecast.setup import Setup
 
-SETUP = Setup()
-LENGTH = SETUP.cable.length
-
-
-def linear_model() -> ForwardModel:
-    """Lands at (0.9 theta2 - 0.2, 0.6 + r2 + wrist / 20), and always keeps 1 m from the edges."""
-    weights = np.zeros((4, 2), dtype=np.float32)
-    weights[1, 0], weights[2, 1], weights[3, 1] = 0.9, 1.0, 0.05
-    axes = [np.linspace(*ends, 3) for ends in ((-1.4, -0.1), (0.1, 1.4), (0.35, 0.8), (0.0, 1.6))]
-    features = np.array(list(itertools.product(*axes)), dtype=np.float32)
-    return ForwardModel(
-        weights=((weights, np.array([-0.2, 0.6], dtype=np.float32)),),
-        feature_mean=np.zeros(4),
-        feature_scale=np.array([0.4, 0.4, 0.13, 0.45]),
-        endpoint_mean=np.zeros(2),
-        endpoint_scale=1.0,
-        margin_features=features,
-        margins=np.ones(len(features)),
-        info={"dataset": {"settings": SETUP.to_settings(), "fingerprint": "f00d"}},
-    )
+LENGTH = CABLE.length
 
 
 def make_policy() -> ForwardSearchPolicy:
+    """Return a policy of the linear model, with features that vary by about 1."""
+    scale = np.array([0.4, 0.4, 0.13, 0.45], dtype=np.float32)
     model = linear_model()
-    scaled = model.weights[0][0] * model.feature_scale[:, None].astype(np.float32)
-    model = dataclasses.replace(model, weights=((scaled, model.weights[0][1]),))
+    ((matrix, offset),) = model.weights
+    model = dataclasses.replace(
+        model, weights=((matrix * scale[:, None], offset),), feature_scale=scale
+    )
     return ForwardSearchPolicy.from_candidates(grid_actions(ActionRanges(), (3, 40, 20, 3)), model)
 
 

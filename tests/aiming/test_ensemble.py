@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from formula_rig import LENGTH, SETUP, make_policy
+from tests.aiming.formula_rig import LENGTH, SETUP, make_policy
 
 from cablecast.aiming.ensemble import (
     FACTORS,

@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from formula_rig import LENGTH, SETUP, make_policy
+from tests.aiming.casts import made_up_cast
+from tests.aiming.formula_rig import LENGTH, SETUP, make_policy
 
 import cablecast as cc
 from cablecast.aiming.ensemble import LandingEstimate
@@ -15,7 +16,6 @@ from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.rigs.engine import RigEngine
 from cablecast.tuning.tracks import MeasuredTracks
-from casts import made_up_cast
 
 COARSE = {"segment_count": 10, "dt": 2e-3}
 SEARCH = cc.FitConfig(

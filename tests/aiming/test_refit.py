@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.aiming.casts import made_up_cast
 
 import cablecast as cc
 from cablecast.aiming.session import SimulatorConfig, refit_reason
@@ -13,7 +14,6 @@ from cablecast.errors import InputError
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.progress import DONE_NOTE, ignore
 from cablecast.tuning.tuned import load_tuned
-from casts import made_up_cast
 
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")

@@ -5,7 +5,8 @@ import itertools
 
 import numpy as np
 import pytest
-from formula_rig import SETUP, FormulaRig, make_policy
+from tests.aiming.casts import made_up_cast
+from tests.aiming.formula_rig import SETUP, FormulaRig, make_policy
 
 import cablecast as cc
 from cablecast.aiming.propose import SAME_ACTION
@@ -14,7 +15,6 @@ from cablecast.conventions import xy_to_polar
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.motion.feasibility import check_actions
 from cablecast.report.words import change_text, reason_text
-from casts import made_up_cast
 
 TARGETS = np.array([[0.3, 1.1], [-0.25, 1.2], [0.5, 1.05], [-0.5, 1.15], [0.1, 1.25]])
 

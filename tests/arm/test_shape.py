@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.robot import ROBOT
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.arm.shape import (
     ArmShape,
     arm_shape,
@@ -61,15 +61,8 @@ def test_a_line_of_sight_is_measured_from_a_capsule_s_surface():
     ],
 )
 def test_an_arm_that_leans_onto_the_table_or_itself_is_found(q, words):
-    robot = RobotConfig(
-        address="127.0.0.1",
-        payload_mass=0.95,
-        payload_cog=(0.0, 0.0, 0.06),
-        box_low=(-0.97, 0.05, 0.0),
-        box_high=(0.97, 0.97, 1.1),
-    )
-    assert find_collision(ARM, robot, joints_at(0.0, 0.6)) is None
-    found = find_collision(ARM, robot, np.array([q]))
+    assert find_collision(ARM, ROBOT, joints_at(0.0, 0.6)) is None
+    found = find_collision(ARM, ROBOT, np.array([q]))
     assert found is not None
     assert re.search(words, found)
 

@@ -35,10 +35,6 @@ def test_a_camera_survives_its_lab_file(camera, tmp_path):
     assert load_setup(tmp_path / "lab.yaml") == setup
 
 
-def test_the_camera_is_no_part_of_what_affects_results():
-    assert Setup(camera=FULL).to_settings() == Setup().to_settings()
-
-
 def test_paths_are_relative_to_the_lab_file(tmp_path):
     default_layout().save(tmp_path / "tags.yaml")
     (tmp_path / "film.mp4").write_bytes(b"")
@@ -92,8 +88,3 @@ def test_a_camera_that_makes_no_sense_is_refused_with_the_lab_file(text, words, 
 def test_a_lens_of_another_image_size_is_refused():
     with pytest.raises(InputError, match="calibrated for 1920 x 1080 px"):
         dataclasses.replace(FULL, width=1280, height=720)
-
-
-def test_something_else_than_a_camera_is_refused():
-    with pytest.raises(InputError, match="camera must be CameraSettings, not str"):
-        Setup(camera="0")  # pyright: ignore[reportArgumentType]

@@ -1,12 +1,12 @@
 """Bad input: one line, status 2, no traceback, no cast or long work, and nothing overwritten."""
 
 import dataclasses
-import pathlib
 import sys
 
 import numpy as np
 import pytest
 import yaml
+from tests.data.killed import contents
 
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
@@ -272,11 +272,6 @@ def test_the_workspace_fits_the_cable_of_the_command_line(table, tmp_path):
         assert load_lab(None, str(tmp_path / "long.yaml")) == setup
 
 
-def snapshot(folder: pathlib.Path):
-    """Every file below a folder with its content."""
-    return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
-
-
 @pytest.mark.parametrize(
     "verb", ["simulate", "collect", "train", "plan", "evaluate", "repeat", "aim"]
 )
@@ -285,46 +280,17 @@ def test_an_unknown_cable_is_refused_and_the_known_ones_are_listed(verb, capsys,
     line = refused([verb, "--cable", "cable_9", *target], capsys)
     assert "'cable_9'" in line
     assert "cable_1, cable_2, cable_3" in line
-    assert snapshot(in_new_folder) == {}
+    assert contents(in_new_folder) == {}
 
 
-def test_a_target_out_of_reach_names_the_radius_and_the_bound(model_folder, capsys):
-    line = refused(["plan", "--model", model_folder, "--target", "1.6", "0"], capsys)
-    assert "1.600 m" in line
-    assert "1.560 m" in line
-
-
-def test_a_target_off_the_table_names_the_edges(model_folder, capsys):
-    line = refused(["plan", "--model", model_folder, "--target", "1.5", "80"], capsys)
-    assert "off the table" in line
-    assert "1.375" in line
-
-
-@pytest.mark.parametrize(
-    ("change", "fragments"),
-    [
-        ({"params": {"mass": -0.05}}, ("mass = -0.05 kg", "[0.0005, 1]")),
-        ({"params": {"bend_stiffness": float("nan")}}, ("bend_stiffness = nan",)),
-        ({"length": 0.0}, ("length = 0 m", "[0.05, 5]")),
-        ({"attachment": "anchor"}, ("anchor", "none, hook, magnet")),
-        ({"colour": "green"}, ("colour",)),
-    ],
-    ids=["negative mass", "NaN stiffness", "no length", "unknown attachment", "unknown key"],
-)
-def test_a_cable_file_with_a_bad_value_names_it(change, fragments, capsys, in_new_folder):
+def test_a_cable_file_with_a_bad_value_names_it(capsys, in_new_folder):
     values = load_cable("cable_1").to_dict()
-    values |= change | {"params": values["params"] | change.get("params", {})}
+    values["params"]["mass"] = -0.05
     file = in_new_folder / "my.yaml"
     file.write_text(yaml.safe_dump(values))
     line = refused(["simulate", "--cable", file, "--count", "60"], capsys)
-    assert all(fragment in line for fragment in fragments)
-    assert list(snapshot(in_new_folder)) == [file]
-
-
-def test_a_cable_file_that_is_no_yaml_is_refused(capsys, in_new_folder):
-    file = in_new_folder / "my.yaml"
-    file.write_text("length: [0.62\nname: x")
-    assert "my.yaml" in refused(["simulate", "--cable", file], capsys)
+    assert "mass = -0.05 kg is outside [0.0005, 1]" in line
+    assert list(contents(in_new_folder)) == ["my.yaml"]
 
 
 def test_a_missing_dataset_says_how_to_make_one(capsys, in_new_folder):
@@ -332,7 +298,7 @@ def test_a_missing_dataset_says_how_to_make_one(capsys, in_new_folder):
         ["train", "--cable", "cable_2"], capsys
     )
     assert "nowhere" in refused(["train", "--dataset", "nowhere", "--out", "model"], capsys)
-    assert snapshot(in_new_folder) == {}
+    assert contents(in_new_folder) == {}
 
 
 def test_a_missing_model_says_how_to_make_one(capsys, in_new_folder):
@@ -361,26 +327,26 @@ def test_a_rig_that_does_not_exist_is_refused_and_leaves_no_folder(
 
 
 def test_a_dataset_of_other_settings_is_not_overwritten(dataset_folder, capsys):
-    before = snapshot(dataset_folder)
+    before = contents(dataset_folder)
     arguments = ["--count", "300", "--segment-count", "10", "--dt", "0.002", "--seed", "7"]
     line = refused(["simulate", *arguments, "--out", dataset_folder], capsys)
     assert "seed is 0 there and 7 here" in line
-    assert snapshot(dataset_folder) == before
+    assert contents(dataset_folder) == before
 
 
 def test_a_model_of_other_settings_is_not_overwritten(dataset_folder, model_folder, capsys):
-    before = snapshot(model_folder)
+    before = contents(model_folder)
     arguments = ["--epochs", "6", "--candidate-count", "500", "--out", model_folder]
     line = refused(["train", "--dataset", dataset_folder, *arguments], capsys)
     assert "training.epochs is 5 there and 6 here" in line
-    assert snapshot(model_folder) == before
+    assert contents(model_folder) == before
 
 
 def test_a_folder_with_other_files_is_not_written_to(dataset_folder, tmp_path, capsys):
     (tmp_path / "thesis.tex").write_text("years of work")
     for verb in (["simulate", "--count", "60"], ["train", "--dataset", dataset_folder]):
         assert "thesis.tex" in refused([*verb, "--out", tmp_path], capsys)
-    assert list(snapshot(tmp_path)) == [tmp_path / "thesis.tex"]
+    assert list(contents(tmp_path)) == ["thesis.tex"]
 
 
 def test_a_saved_motion_is_overwritten_only_on_demand(model_folder, tmp_path, capsys):

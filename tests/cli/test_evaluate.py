@@ -90,16 +90,13 @@ def test_polar_casting_is_evaluated_without_a_model(in_new_folder, capsys):
     assert "simulated casts it had not seen" not in page
 
 
-def test_polar_casting_takes_no_model(in_new_folder, capsys):
-    arguments = ["evaluate", "--policy", "polar", "--model", "somewhere", "--rig", "engine"]
-    assert main(arguments) == 2
-    assert "takes no model" in capsys.readouterr().err
-
-
-def test_polar_casting_has_no_method(in_new_folder, capsys):
-    arguments = ["evaluate", "--policy", "polar", "--method", "paper", "--rig", "engine"]
-    assert main(arguments) == 2
-    assert "searches nothing" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [(("--model", "somewhere"), "takes no model"), (("--method", "paper"), "searches nothing")],
+)
+def test_polar_casting_has_no_model_and_no_method(option, words, in_new_folder, capsys):
+    assert main(["evaluate", "--policy", "polar", *option, "--rig", "engine"]) == 2
+    assert words in capsys.readouterr().err
 
 
 def test_another_simulator_casts_the_model_s_cable(model_folder):

@@ -10,6 +10,7 @@ import signal
 import sys
 
 import numpy as np
+from tests.data.killed import kill_at_rename
 
 from cablecast.conventions import tangent
 from cablecast.data.simulate import simulate_dataset
@@ -71,19 +72,6 @@ def simulate(path, *, engine=None, **options):
         engine or StickEngine(),
         **({"count": COUNT, "shard_rows": SHARD_ROWS} | options),
     )
-
-
-def kill_at_rename(number):
-    """Die with SIGKILL when the file with this number, from 0, lies complete but unrenamed."""
-    rename, calls = os.replace, []
-
-    def replace(source, target):
-        if len(calls) == number:
-            os.kill(os.getpid(), signal.SIGKILL)
-        calls.append(target)
-        rename(source, target)
-
-    os.replace = replace
 
 
 class DyingEngine(StickEngine):

@@ -9,7 +9,7 @@ import signal
 import sys
 
 import numpy as np
-from stick_engine import kill_at_rename
+from tests.data.killed import kill_at_rename
 
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.conventions import tangent

@@ -1,14 +1,20 @@
 import dataclasses
 import errno
 import json
-import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-import stick_rig
-from stick_rig import CABLE, COUNT, NOISE, SERVO_DELAY, SETUP, ManyStickRig, StickRig, collect
+from tests.data.killed import contents, run_and_kill
+from tests.data.stick_rig import (
+    CABLE,
+    COUNT,
+    NOISE,
+    SERVO_DELAY,
+    SETUP,
+    ManyStickRig,
+    StickRig,
+    collect,
+)
 
 import cablecast
 from cablecast.cast import ControllerLog, TrialStatus
@@ -33,20 +39,6 @@ def unbroken(tmp_path_factory):
     path = tmp_path_factory.mktemp("collected") / "d"
     collect(path)
     return path
-
-
-def contents(path):
-    return {
-        str(file.relative_to(path)): file.read_bytes()
-        for file in sorted(path.rglob("*"))
-        if file.is_file()
-    }
-
-
-def run_and_kill(moment, path, *options):
-    command = [sys.executable, stick_rig.__file__, str(moment), path, *options]
-    done = subprocess.run(command, capture_output=True)
-    assert done.returncode == -signal.SIGKILL, done.stderr.decode()
 
 
 def test_a_row_holds_the_action_the_track_and_both_joint_paths(unbroken):
@@ -99,7 +91,7 @@ def test_many_trials_at_once_give_the_same_rows(unbroken, tmp_path, kind):
 
 @pytest.mark.parametrize("moment", ["trial0", "trial3", 0, 4, FILE_COUNT - 3, FILE_COUNT - 1])
 def test_a_killed_and_resumed_collection_equals_an_unbroken_one(unbroken, tmp_path, moment):
-    run_and_kill(moment, tmp_path / "d")
+    run_and_kill("stick_rig", moment, tmp_path / "d")
     rig = StickRig()
     collect(tmp_path / "d", rig)
     assert contents(tmp_path / "d") == contents(unbroken)
@@ -109,7 +101,7 @@ def test_a_killed_and_resumed_collection_equals_an_unbroken_one(unbroken, tmp_pa
 
 
 def test_a_killed_batch_loses_no_earlier_batch(unbroken, tmp_path, monkeypatch):
-    run_and_kill("trial5", tmp_path / "d", "many")
+    run_and_kill("stick_rig", "trial5", tmp_path / "d", "many")
     kept = len(list((tmp_path / "d/data").rglob("file-*.parquet")))
     monkeypatch.setattr(record_module, "core_count", lambda: 1)
     monkeypatch.setattr(record_module, "_CASTS_PER_CORE", 2)

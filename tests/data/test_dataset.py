@@ -6,11 +6,10 @@ import shutil
 
 import numpy as np
 import pytest
-import stick_engine
-import stick_rig
 import yaml
-from stick_engine import COUNT, SETUP, simulate
-from stick_rig import StickRig, collect
+from tests.data import stick_engine, stick_rig
+from tests.data.stick_engine import COUNT, SETUP, simulate
+from tests.data.stick_rig import StickRig, collect
 from tools.attack import damaged_bytes, damaged_json
 
 from cablecast.data.dataset import read_dataset
@@ -46,15 +45,6 @@ def test_a_truncated_shard_is_named(copied, kept):
     with pytest.raises(DatasetError, match=r"file-002.parquet is truncated or damaged") as caught:
         read_dataset(copied)
     assert "\n" not in str(caught.value)
-
-
-def test_a_flipped_bit_in_the_data_is_detected(copied):
-    shard = copied / SHARD
-    content = bytearray(shard.read_bytes())
-    content[600] ^= 0x10
-    shard.write_bytes(content)
-    with pytest.raises(DatasetError, match=r"file-002.parquet"):
-        read_dataset(copied)
 
 
 def test_a_missing_shard_is_named(copied):
@@ -107,14 +97,6 @@ def test_a_changed_description_is_refused(copied, change, sealed):
         info = seal(info)
     file.write_text(json.dumps(info))
     with pytest.raises(DatasetError, match="damaged"):
-        read_dataset(copied)
-
-
-def test_a_description_that_cannot_be_read_is_not_called_damaged(copied):
-    file = copied / "meta/info.json"
-    file.unlink()
-    file.mkdir()
-    with pytest.raises(UnreadableFileError, match="cannot be read: Is a directory"):
         read_dataset(copied)
 
 
@@ -327,7 +309,7 @@ def test_a_file_that_the_system_refuses_is_not_called_damaged(whole, tmp_path, n
     # Whoever runs the tests may read everything, but nobody reads a folder as a file.
     file.mkdir()
     for read in (read_dataset, resume):
-        with pytest.raises(OSError, match="cannot be read") as caught:
+        with pytest.raises(UnreadableFileError, match="cannot be read: Is a dir") as caught:
             read(copy)
         for word in ("damaged", "delete", "missing"):
             assert word not in str(caught.value)

@@ -15,26 +15,15 @@ from cablecast.data.lerobot import (
     episodes_of,
     statistics,
 )
-from cablecast.data.record import collect_dataset
-from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import DatasetError, InputError
 from cablecast.pipeline.export import export_dataset
 from cablecast.pipeline.import_casts import import_casts
-from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
 from cablecast.vision.video import read_video, write_video
 
 FPS, CAST_COUNT = 10, 3
 # LeRobot stores 32 bits.
 FLOAT32 = 1e-6
-
-
-@pytest.fixture(scope="module")
-def casts(tmp_path_factory):
-    setup = Setup()
-    rig = RigEngine(EngineWarp(segment_count=10, dt=2e-3), setup)
-    out = tmp_path_factory.mktemp("casts") / "tune-data"
-    return collect_dataset(out, rig, setup, purpose="tune", count=CAST_COUNT)
 
 
 @pytest.fixture(scope="module")

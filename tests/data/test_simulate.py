@@ -1,15 +1,11 @@
 import dataclasses
 import json
-import pathlib
 import shutil
-import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-import stick_engine
-from stick_engine import CABLE, COUNT, SETUP, SHARD_ROWS, StickEngine, simulate
+from tests.data.killed import contents, run_and_kill
+from tests.data.stick_engine import CABLE, COUNT, SETUP, SHARD_ROWS, StickEngine, simulate
 
 from cablecast.cable import load_cable
 from cablecast.cast import TrialStatus
@@ -28,20 +24,6 @@ PATH_TOLERANCE = 1e-5
 SHARD_COUNT = -(-COUNT // SHARD_ROWS)
 # Files in the order in which they are renamed: info, the shards, stats, card, info.
 FILE_COUNT = SHARD_COUNT + 4
-
-
-def contents(path):
-    return {
-        str(file.relative_to(path)): file.read_bytes()
-        for file in sorted(path.rglob("*"))
-        if file.is_file()
-    }
-
-
-def run_and_kill(moment, path):
-    script = pathlib.Path(stick_engine.__file__)
-    done = subprocess.run([sys.executable, script, str(moment), path], capture_output=True)
-    assert done.returncode == -signal.SIGKILL, done.stderr.decode()
 
 
 def test_rows_hold_the_action_and_where_its_motion_lands(unbroken):
@@ -94,7 +76,7 @@ def test_the_size_of_the_shards_does_not_change_the_rows(unbroken, tmp_path):
 
 @pytest.mark.parametrize("moment", ["rollout", 0, 2, FILE_COUNT - 3, FILE_COUNT - 1])
 def test_a_killed_and_resumed_dataset_equals_an_unbroken_one(unbroken, tmp_path, moment):
-    run_and_kill(moment, tmp_path / "d")
+    run_and_kill("stick_engine", moment, tmp_path / "d")
     with pytest.raises(DatasetError, match=r"unfinished|missing"):
         read_dataset(tmp_path / "d")
     engine = StickEngine()
@@ -138,7 +120,7 @@ def test_other_settings_are_refused_by_name_with_both_values(unbroken, tmp_path,
 
 
 def test_an_unfinished_dataset_of_other_settings_is_refused_too(tmp_path):
-    run_and_kill("rollout", tmp_path / "d")
+    run_and_kill("stick_engine", "rollout", tmp_path / "d")
     before = contents(tmp_path / "d")
     with pytest.raises(DatasetError, match="seed is 0 there and 3 here"):
         simulate(tmp_path / "d", seed=3)
@@ -184,7 +166,7 @@ def test_a_card_gets_more_worlds_at_a_time_than_a_processor(tmp_path):
 
 
 def test_a_damaged_shard_stops_a_resumed_run_and_is_named(tmp_path):
-    run_and_kill("rollout", tmp_path / "d")
+    run_and_kill("stick_engine", "rollout", tmp_path / "d")
     shard = tmp_path / "d/data/chunk-000/file-001.parquet"
     shard.write_bytes(shard.read_bytes()[:-20])
     with pytest.raises(DatasetError, match=r"file-001.parquet is truncated"):

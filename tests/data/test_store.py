@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from stick_rig import COUNT, SETUP, StickRig
+from tests.data.stick_rig import COUNT, SETUP, StickRig
 
 from cablecast.data.record import collect_dataset
 from cablecast.data.store import CastStore

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from tests.engines.grips import sweep
 
 from cablecast.cable import CableParams, load_cable
 from cablecast.engines import ENGINE_NAMES, make_engine
@@ -44,19 +45,6 @@ def engine(name: str):
 def name(request) -> str:
     engine(request.param)
     return request.param
-
-
-def sweep(angle: float, duration: float = 0.5) -> GripPath:
-    """Return a sideways swing of the grip about the robot's axis, from rest to rest."""
-    times = np.linspace(0.0, duration, 30)
-    u = times / duration
-    theta = angle * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    poses = np.zeros((30, 5))
-    poses[:, 0] = 0.6 * np.sin(theta)
-    poses[:, 1] = 0.6 * np.cos(theta)
-    poses[:, 2] = 0.02
-    poses[:, 3] = theta
-    return GripPath.fit(times, poses)
 
 
 @functools.cache

@@ -4,10 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp
+from benchmarks.validation.scenes import LENGTH, MASS, RADIUS, make_cable, straight
+from benchmarks.validation.shape import heavy_elastica
 
-from cablecast.cable import Cable, CableParams
-from cablecast.engines.base import CableState
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
@@ -16,36 +15,6 @@ mujoco = pytest.importorskip("mujoco")
 from cablecast.engines.mujoco_ import EngineMujoco  # noqa: E402
 
 GRAVITY = 9.81
-LENGTH = 0.6
-RADIUS = 0.005
-MASS = 0.05
-
-BARE = CableParams(
-    twist_stiffness=0.0,
-    bend_stiffness=0.0,
-    mass=MASS,
-    endpoint_mass=0.0,
-    lateral_friction=0.0,
-    worksurface_friction=1.0,
-    spinning_friction=0.0,
-    rolling_friction=0.0,
-    linear_damping=0.0,
-    angular_damping=0.0,
-)
-
-
-def cable(**params) -> Cable:
-    params = dataclasses.replace(BARE, **params)
-    return Cable(name="test", length=LENGTH, diameter=2 * RADIUS, params=params)
-
-
-def straight(segment_count, height, speed=(0.0, 0.0, 0.0)) -> CableState:
-    """Return a cable along y."""
-    positions = np.zeros((1, segment_count + 1, 3))
-    positions[0, :, 1] = np.linspace(0.0, LENGTH, segment_count + 1)
-    positions[0, :, 2] = height
-    state = CableState.at_rest(positions)
-    return dataclasses.replace(state, velocities=state.velocities + np.asarray(speed))
 
 
 def sideways(distance_at, duration) -> GripPath:
@@ -57,33 +26,13 @@ def sideways(distance_at, duration) -> GripPath:
     return GripPath.fit(times, poses)
 
 
-def heavy_elastica(bend_stiffness):
-    """Tip (y, z) of a clamped cable that hangs under its own weight: EI theta'' = w s cos theta."""
-    weight = MASS * GRAVITY / LENGTH
-
-    def slope(s, y):
-        return np.stack([y[1], weight * (LENGTH - s) * np.cos(y[0]) / bend_stiffness])
-
-    def ends(near, far):
-        return np.array([near[0], far[1]])
-
-    s = np.linspace(0.0, LENGTH, 200)
-    # Start from the straight beam that hangs a little, or the solver may find a coiled one.
-    guess = np.stack([-0.5 * s / LENGTH, np.zeros_like(s)])
-    solution = solve_bvp(slope, ends, s, guess, tol=1e-8, max_nodes=20_000)
-    assert solution.success
-    s = np.linspace(0.0, LENGTH, 4001)
-    theta = solution.sol(s)[0]
-    return np.trapezoid(np.cos(theta), s), np.trapezoid(np.sin(theta), s)
-
-
 @pytest.mark.parametrize("bend_stiffness", [5e-2, 2e-2])
 def test_a_clamped_cable_hangs_as_the_heavy_elastica(bend_stiffness):
-    c = cable(bend_stiffness=bend_stiffness, linear_damping=5.0, angular_damping=50.0)
+    c = make_cable(bend_stiffness=bend_stiffness, linear_damping=5.0, angular_damping=50.0)
     path = GripPath.hold([0, 0, 2, 0, 0], 1.0)
-    rollout = EngineMujoco(24).rollout(c, path, straight(24, 2.0), duration=5.0)
+    rollout = EngineMujoco(24).rollout(c, path, straight(24, (0, 0, 2.0), (0, 1, 0)), duration=5.0)
     tip = rollout.endpoint_xyz[0, -1, 1:] - [0.0, 2.0]
-    expected = heavy_elastica(bend_stiffness)
+    expected = heavy_elastica(bend_stiffness, MASS * GRAVITY / LENGTH)[-1]
     assert expected[1] < -0.2  # it does hang far
     # Half a cell at the clamp makes the error second order in the segment: 0.05 % at 24.
     np.testing.assert_allclose(tip, expected, atol=1e-3 * LENGTH)
@@ -93,9 +42,9 @@ def test_a_cable_sliding_sideways_stops_after_v_squared_over_2_mu_g():
     speed, friction = 1.0, 0.4
     stop = speed / (friction * GRAVITY)
     # Some bending keeps neighbours together, which hop by a millimetre at their own instants each.
-    c = cable(lateral_friction=friction, bend_stiffness=1e-3)
+    c = make_cable(lateral_friction=friction, bend_stiffness=1e-3)
     path = sideways(lambda t: speed * t - 0.5 * friction * GRAVITY * t**2, stop)
-    state = straight(12, RADIUS, speed=(speed, 0, 0))
+    state = straight(12, (0, 0, RADIUS), (0, 1, 0), (speed, 0, 0))
     engine = EngineMujoco(12, 2.5e-4, rolling=False)
     rollout = engine.rollout(c, path, state, duration=0.4)
     expected = speed**2 / (2 * friction * GRAVITY)
@@ -112,8 +61,8 @@ def test_a_cable_pushed_sideways_ends_up_rolling_at_two_thirds_of_its_speed():
         rolling = speed * slip - 0.5 * friction * GRAVITY * slip**2 + 2 / 3 * speed * (t - slip)
         return np.where(t < slip, sliding, rolling)
 
-    c = cable(lateral_friction=friction)
-    state = straight(10, RADIUS, speed=(speed, 0, 0))
+    c = make_cable(lateral_friction=friction)
+    state = straight(10, (0, 0, RADIUS), (0, 1, 0), (speed, 0, 0))
     rollout = EngineMujoco(10, 2.5e-4).rollout(
         c, sideways(moved, 0.25), state, duration=0.25, sample_dt=0.05
     )
@@ -128,11 +77,11 @@ def test_a_cable_pushed_sideways_ends_up_rolling_at_two_thirds_of_its_speed():
 def test_a_twisted_cable_swings_at_its_torsional_frequency():
     # Clamped and free: the first mode is sin(pi s / 2 L) at pi / (2 L) sqrt(GJ / (I / L)).
     segment_count, stiffness = 24, 3e-4
-    c = cable(twist_stiffness=stiffness)
+    c = make_cable(twist_stiffness=stiffness)
     inertia = 0.5 * MASS / LENGTH * RADIUS**2
     period = 4.0 * LENGTH / np.sqrt(stiffness / inertia)
     middle = (np.arange(segment_count) + 0.5) / segment_count
-    state = straight(segment_count, 1.0)
+    state = straight(segment_count, (0, 0, 1.0), (0, 1, 0))
     mode = 0.3 * np.sin(0.5 * np.pi * middle)[None]
     state = dataclasses.replace(state, roll=mode)
     path = GripPath.hold([0, 0, 1, 0, 0], 1.0)
@@ -145,7 +94,9 @@ def test_a_twisted_cable_swings_at_its_torsional_frequency():
 
 
 def test_segments_keep_their_length_in_a_cast():
-    c = cable(bend_stiffness=3e-4, twist_stiffness=3e-4, lateral_friction=0.4, endpoint_mass=0.01)
+    c = make_cable(
+        bend_stiffness=3e-4, twist_stiffness=3e-4, lateral_friction=0.4, endpoint_mass=0.01
+    )
     times = np.linspace(0.0, 0.5, 40)
     poses = np.zeros((40, 5))
     poses[:, 0] = 0.4 * np.sin(np.pi * times / 0.5) ** 2
@@ -160,7 +111,7 @@ def test_segments_keep_their_length_in_a_cast():
 
 def test_a_stopped_cable_can_be_taken_up_again():
     # MuJoCo counts the roll from frames of its own, which begin anew with the second rollout.
-    c = cable(bend_stiffness=3e-4, twist_stiffness=3e-4, lateral_friction=0.4)
+    c = make_cable(bend_stiffness=3e-4, twist_stiffness=3e-4, lateral_friction=0.4)
     times = np.linspace(0.0, 1.0, 80)
     poses = np.zeros((80, 5))
     poses[:, 0] = 0.3 * np.sin(np.pi * times) ** 2
@@ -179,8 +130,8 @@ def test_a_stopped_cable_can_be_taken_up_again():
 
 def test_a_world_that_blows_up_leaves_no_log_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    c = cable(bend_stiffness=3e-4)
-    state = straight(6, 0.1, speed=(1e9, 0.0, 1e9))
+    c = make_cable(bend_stiffness=3e-4)
+    state = straight(6, (0, 0, 0.1), (0, 1, 0), (1e9, 0.0, 1e9))
     path = GripPath.hold([0, 0, 0.1, 0, 0], 1.0)
     rollout = EngineMujoco(6).rollout(c, path, state, duration=0.2)
     assert not rollout.finite[0]

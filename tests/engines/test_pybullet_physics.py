@@ -1,12 +1,12 @@
 """The paper's simulator against closed forms, as far as its solver reaches."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from benchmarks.validation.scenes import LENGTH, MASS, RADIUS, make_cable, straight
+from benchmarks.validation.shape import heavy_elastica
+from tests.engines.grips import sweep
 
-from cablecast.cable import CableParams, load_cable
-from cablecast.engines.base import CableState
+from cablecast.cable import load_cable
 from cablecast.motion.grip_path import GripPath
 
 pytest.importorskip("pybullet")
@@ -14,55 +14,21 @@ pytest.importorskip("pybullet")
 from cablecast.engines.pybullet_ import DEFAULT_DT, EnginePybullet
 
 GRAVITY = 9.81
-CABLE = load_cable("cable_1")
-SMOOTH = dataclasses.replace(
-    CABLE.params,
-    endpoint_mass=0.0,
-    spinning_friction=0.0,
-    rolling_friction=0.0,
-    linear_damping=0.0,
-    angular_damping=0.0,
-)
 # Distance of 18 rigid segments from the continuum at these bends, 0.4 %, and some margin.
-ELASTICA_TOLERANCE = 0.01 * CABLE.length
+ELASTICA_TOLERANCE = 0.01 * LENGTH
 # Each capsule stops with an iterative solver's error of its own, and the cable buckles a little.
 SLIDE_TOLERANCE = 0.05
 
 
-def straight(count, height, velocity=(0.0, 0.0, 0.0)):
-    nodes = np.zeros((1, count + 1, 3))
-    nodes[0, :, 1] = np.linspace(0.0, CABLE.length, count + 1)
-    nodes[..., 2] = height
-    velocities = np.zeros_like(nodes) + np.asarray(velocity)
-    return dataclasses.replace(CableState.at_rest(nodes), velocities=velocities)
-
-
 def test_a_cantilever_sags_as_the_heavy_elastica():
-    from scipy.integrate import solve_bvp
-
     stiffness, count = 3e-3, 18
-    params = dataclasses.replace(
-        SMOOTH, bend_stiffness=stiffness, linear_damping=4.0, angular_damping=50.0
-    )
-    weight = params.mass * GRAVITY / CABLE.length
-
-    def slope(s, y):
-        return np.vstack([y[1], -weight * (CABLE.length - s) * np.cos(y[0]) / stiffness])
-
-    grid = np.linspace(0.0, CABLE.length, 201)
-    guess = np.stack([1.4 * np.tanh(5.0 * grid / CABLE.length), 0.0 * grid])
-    exact = solve_bvp(
-        slope, lambda a, b: np.array([a[0], b[1]]), grid, guess, tol=1e-8, max_nodes=100_000
-    )
-    assert exact.success
-    fine = np.linspace(0.0, CABLE.length, 2001)
-    angle = exact.sol(fine)[0]
-    expected = [np.trapezoid(np.cos(angle), fine), 2.0 - np.trapezoid(np.sin(angle), fine)]
+    cable = make_cable(bend_stiffness=stiffness, linear_damping=4.0, angular_damping=50.0)
+    expected = heavy_elastica(stiffness, MASS * GRAVITY / LENGTH)[-1] + [0.0, 2.0]
     # At 1/480 s the joints of so stiff a cable would be softened.
     rollout = EnginePybullet(count, DEFAULT_DT / 2).rollout(
-        CABLE.with_params(params),
+        cable,
         GripPath.hold([0, 0, 2.0, 0, 0], 1.0),
-        straight(count, 2.0),
+        straight(count, (0, 0, 2.0), (0, 1, 0)),
         duration=4.0,
     )
     np.testing.assert_allclose(rollout.endpoint_xyz[0, -1, 1:], expected, atol=ELASTICA_TOLERANCE)
@@ -71,15 +37,20 @@ def test_a_cantilever_sags_as_the_heavy_elastica():
 
 @pytest.mark.parametrize(("lateral", "surface"), [(0.8, 0.5), (0.5, 0.5)])
 def test_a_sliding_cable_stops_after_v_squared_over_2_mu_g(lateral, surface):
-    params = dataclasses.replace(SMOOTH, lateral_friction=lateral, worksurface_friction=surface)
+    cable = make_cable(
+        bend_stiffness=3e-4,
+        twist_stiffness=3e-4,
+        lateral_friction=lateral,
+        worksurface_friction=surface,
+    )
     friction, speed = lateral * surface, 1.0
     times = np.linspace(0.0, speed / (friction * GRAVITY), 100)
     poses = np.zeros((100, 5))
     poses[:, 0] = speed * times - 0.5 * friction * GRAVITY * times**2
-    poses[:, 2] = CABLE.radius
-    state = straight(18, CABLE.radius, (speed, 0.0, 0.0))
+    poses[:, 2] = RADIUS
+    state = straight(18, (0, 0, RADIUS), (0, 1, 0), (speed, 0.0, 0.0))
     rollout = EnginePybullet().rollout(
-        CABLE.with_params(params), GripPath.fit(times, poses), state, duration=times[-1] + 0.3
+        cable, GripPath.fit(times, poses), state, duration=times[-1] + 0.3
     )
     expected = speed**2 / (2.0 * friction * GRAVITY)
     moved = rollout.final_state.positions[0, :, 0]
@@ -87,15 +58,11 @@ def test_a_sliding_cable_stops_after_v_squared_over_2_mu_g(lateral, surface):
 
 
 def test_the_far_half_of_a_cable_hangs_lower_the_heavier_its_endpoint():
-    values = np.tile(SMOOTH.to_array(), (2, 1))
-    names = CableParams.names()
-    values[:, names.index("bend_stiffness")] = 3e-3
-    values[:, names.index("linear_damping")] = 4.0
-    values[1, names.index("endpoint_mass")] = 0.05
+    cable = make_cable(bend_stiffness=3e-3, linear_damping=4.0, endpoint_mass=np.array([0.0, 0.1]))
     rollout = EnginePybullet().rollout(
-        CABLE.with_params(CableParams.from_array(values)),
+        cable,
         GripPath.hold([0, 0, 2.0, 0, 0], 1.0),
-        straight(18, 2.0),
+        straight(18, (0, 0, 2.0), (0, 1, 0)),
         duration=3.0,
     )
     assert rollout.endpoint_xyz[1, -1, 2] < rollout.endpoint_xyz[0, -1, 2] - 0.01
@@ -103,19 +70,13 @@ def test_the_far_half_of_a_cable_hangs_lower_the_heavier_its_endpoint():
 
 @pytest.mark.parametrize("stiffness", [0.0, 0.1])
 def test_the_softest_and_the_stiffest_cable_stay_finite_at_the_papers_step(stiffness):
-    params = dataclasses.replace(
-        CABLE.params, bend_stiffness=stiffness, twist_stiffness=10.0 * stiffness
+    cable = load_cable("cable_1").with_params(
+        bend_stiffness=stiffness, twist_stiffness=10.0 * stiffness
     )
-    times = np.linspace(0.0, 0.4, 30)
-    u = times / 0.4
-    theta = 0.8 * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    poses = np.zeros((30, 5))
-    poses[:, 0], poses[:, 1] = 0.6 * np.sin(theta), 0.6 * np.cos(theta)
-    poses[:, 2], poses[:, 3] = 0.02, theta
-    rollout = EnginePybullet().rollout(
-        CABLE.with_params(params), GripPath.fit(times, poses), duration=0.8
-    )
+    path = sweep(0.8, 0.4)
+    rollout = EnginePybullet().rollout(cable, path, duration=0.8)
     assert rollout.finite.all()
     # Nothing has been torn off: the endpoint is where a cable of this length can reach.
-    reach = np.linalg.norm(rollout.final_state.positions[0] - poses[-1, :3], axis=-1)
-    assert reach.max() < CABLE.length * 1.001
+    grip = path.evaluate([0.4])[0, 0, :3]
+    reach = np.linalg.norm(rollout.final_state.positions[0] - grip, axis=-1)
+    assert reach.max() < cable.length * 1.001

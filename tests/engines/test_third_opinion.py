@@ -2,9 +2,9 @@
 
 import dataclasses
 
-import explicit_rod
 import numpy as np
 import pytest
+from tests.engines import explicit_rod
 
 from cablecast.cable import load_cable
 from cablecast.engines.warp_ import EngineWarp
@@ -38,6 +38,12 @@ def difference_pct(a, b):
     return 100.0 * np.linalg.norm(a[:, :, -1, :2] - b[:, :, -1, :2], axis=-1) / CABLE.length
 
 
+def shapes(segment_count, params, paths):
+    engine = EngineWarp(segment_count, dt=2.5e-4, precision="double", rest_speed=0.0)
+    cable = CABLE.with_params(params)
+    return engine.rollout(cable, paths, duration=DURATION, record_nodes=True).nodes
+
+
 def shapes_in_mujoco(segment_count, dt, params, paths, duration):
     pytest.importorskip("mujoco")
     from cablecast.engines.mujoco_ import EngineMujoco
@@ -48,10 +54,7 @@ def shapes_in_mujoco(segment_count, dt, params, paths, duration):
 
 
 def test_the_fast_engine_agrees_with_the_plain_rod_along_whole_casts(paths):
-    engine = EngineWarp(segment_count=40, dt=2.5e-4, precision="double", rest_speed=0.0)
-    ours = engine.rollout(
-        CABLE.with_params(PARAMS), paths, duration=DURATION, record_nodes=True
-    ).nodes
+    ours = shapes(40, PARAMS, paths)
     plain = explicit_rod.simulate(CABLE, PARAMS, paths, 40, 1e-5, DURATION)
     difference = difference_pct(ours, plain)
     # The plain rod's edges stretch by 1e-3, and it is first order in time. Measured: 0.06 and 0.35.
@@ -70,10 +73,7 @@ def test_the_fast_engine_agrees_with_the_plain_rod_where_both_roll(
     params = dataclasses.replace(
         ROLLING, rolling_friction=rolling_friction, twist_stiffness=twist_stiffness
     )
-    engine = EngineWarp(segment_count=40, dt=2.5e-4, precision="double", rest_speed=0.0)
-    ours = engine.rollout(
-        CABLE.with_params(params), paths, duration=DURATION, record_nodes=True
-    ).nodes
+    ours = shapes(40, params, paths)
     plain = explicit_rod.simulate(CABLE, params, paths, 40, 1e-5, DURATION, rolls=True)
     difference = difference_pct(ours, plain)
     assert np.median(difference) < 0.15
@@ -97,12 +97,9 @@ def test_mujocos_rod_is_the_plain_rod_with_another_bending_law_and_another_frict
 
 
 def test_the_fast_engine_and_mujoco_agree_to_two_per_cent_along_whole_casts(paths):
-    engine = EngineWarp(segment_count=80, dt=2.5e-4, precision="double", rest_speed=0.0)
     # The slowest cast and the one that reaches farthest.
     paths = paths[::2]
-    ours = engine.rollout(
-        CABLE.with_params(PARAMS), paths, duration=DURATION, record_nodes=True
-    ).nodes
+    ours = shapes(80, PARAMS, paths)
     theirs = shapes_in_mujoco(40, 1e-3, PARAMS, paths, DURATION)
     difference = difference_pct(ours, theirs)
     # Measured 1.1: what is left is MuJoCo's law of bending at 40 segments, and its friction.

@@ -30,6 +30,23 @@ def free_engine(segment_count, dt):
     )
 
 
+def level(count):
+    """Return a level cable a metre above the table at rest, and its grip."""
+    positions = np.zeros((1, count + 1, 3))
+    positions[0, :, 1], positions[0, :, 2] = np.linspace(0.0, LENGTH, count + 1), 1.0
+    return CableState.at_rest(positions), GripPath.hold(np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 1.0)
+
+
+def slack(cable, count):
+    """Return a slack cable on the table at rest, out to one side and back, and its grip."""
+    s = np.linspace(0.0, LENGTH, count + 1)
+    positions = np.zeros((1, count + 1, 3))
+    positions[0, :, 0] = 0.6 * np.minimum(s, LENGTH - s)
+    positions[0, :, 1], positions[0, :, 2] = 0.8 * s, cable.radius
+    path = GripPath.hold(np.array([0.0, 0.0, cable.radius, 0.6, 0.0]), 0.1)
+    return CableState.at_rest(positions), path
+
+
 def chain_frequencies(masses, lengths):
     """Return the frequencies of a hanging chain of point masses [rad/s], the lowest first."""
     tension = GRAVITY * np.cumsum(masses[::-1])[::-1] / lengths
@@ -68,17 +85,13 @@ def test_hanging_attachment_swings_like_a_rod_on_a_thread():
 @pytest.mark.parametrize("count", [8, 24])
 def test_weight_of_the_attachment_bends_a_cantilever(count):
     stiffness, mass, end = 0.05, 5e-4, 4e-3
-    level = GripPath.hold(np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 1.0)
-    positions = np.zeros((1, count + 1, 3))
-    positions[0, :, 1], positions[0, :, 2] = np.linspace(0.0, LENGTH, count + 1), 1.0
+    state, path = level(count)
     sag = []
     for arm in (0.0, ARM):
         cable = held_cable(
             arm, mass=mass, endpoint_mass=end, bend_stiffness=stiffness, linear_damping=5.0
         )
-        rollout = free_engine(count, 5e-4).rollout(
-            cable, level, CableState.at_rest(positions), duration=5.0, sample_dt=0.5
-        )
+        rollout = free_engine(count, 5e-4).rollout(cable, path, state, duration=5.0, sample_dt=0.5)
         sag.append(1.0 - rollout.endpoint_xyz[0, -1, 2])
     # A force F at the end, and the couple 3/4 F arm: F l^3 / (3 EI) + 3/4 F arm l^2 / (2 EI).
     force = end * GRAVITY
@@ -92,12 +105,8 @@ def test_weight_of_the_attachment_bends_a_cantilever(count):
 def test_an_undamped_swing_with_an_attachment_gains_no_height():
     cable = held_cable(ARM, mass=0.02, endpoint_mass=0.02, bend_stiffness=5e-4)
     count = 20
-    positions = np.zeros((1, count + 1, 3))
-    positions[0, :, 1], positions[0, :, 2] = np.linspace(0.0, LENGTH, count + 1), 1.0
-    level = GripPath.hold(np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 1.0)
-    rollout = free_engine(count, 2.5e-4).rollout(
-        cable, level, CableState.at_rest(positions), duration=5.0, sample_dt=1e-2
-    )
+    state, path = level(count)
+    rollout = free_engine(count, 2.5e-4).rollout(cable, path, state, duration=5.0, sample_dt=1e-2)
     assert rollout.finite.all()
     height = rollout.endpoint_xyz[0, :, 2]
     first, last = height[:100].max(), height[-150:].max()
@@ -158,17 +167,10 @@ def test_an_attachment_slides_to_rest_by_its_own_friction(arm, ratio):
         # A lever far above the radius: nothing rolls.
         rolling_friction=0.1,
     )
-    # A slack cable, light beside what it holds: out to one side and back.
-    s = np.linspace(0.0, LENGTH, count + 1)
-    positions = np.zeros((1, count + 1, 3))
-    positions[0, :, 0] = 0.6 * np.minimum(s, LENGTH - s)
-    positions[0, :, 1], positions[0, :, 2] = 0.8 * s, cable.radius
-    state = CableState.at_rest(positions)
-    velocities = np.zeros_like(positions)
+    # The cable is light beside what it holds.
+    state, path = slack(cable, count)
     # An attachment moves on as the cable's last segment does.
-    velocities[0, -2:, 1] = speed
-    state = dataclasses.replace(state, velocities=velocities)
-    path = GripPath.hold(np.array([0.0, 0.0, cable.radius, 0.6, 0.0]), 0.1)
+    state.velocities[0, -2:, 1] = speed
     engine = EngineWarp(segment_count=count, dt=2e-4, precision="double")
     rollout = engine.rollout(cable, path, state, duration=1.0)
     way = rollout.endpoint_xyz[0, -1] - rollout.endpoint_xyz[0, 0]
@@ -181,23 +183,16 @@ def test_spinning_friction_stops_a_turning_attachment():
     # A rod of mass m turns about its centre: I = 3/16 m arm², and the couple is mu' m g.
     count, end, lever, rate = 12, 0.2, 5e-3, 6.0
     cable = held_cable(ARM, mass=5e-4, endpoint_mass=end, spinning_friction=lever)
-    s = np.linspace(0.0, LENGTH, count + 1)
-    positions = np.zeros((1, count + 1, 3))
-    positions[0, :, 0] = 0.6 * np.minimum(s, LENGTH - s)
-    positions[0, :, 1], positions[0, :, 2] = 0.8 * s, cable.radius
-    path = GripPath.hold(np.array([0.0, 0.0, cable.radius, 0.6, 0.0]), 0.1)
+    state, path = slack(cable, count)
     engine = EngineWarp(segment_count=count, dt=1e-4, precision="double", rest_speed=0.0)
-    state = CableState.at_rest(positions)
-    last = positions[0, -1] - positions[0, -2]
+    last = state.positions[0, -1] - state.positions[0, -2]
     axis = last / np.linalg.norm(last)
     across = np.array([-axis[1], axis[0], 0.0])
     # The engine continues the line of the last two nodes to the tip, velocities too. About the
     # centre, 3/4 of an arm beyond the joint, the joint moves back as the tip moves on.
     segment = LENGTH / count
-    velocities = np.zeros_like(positions)
-    velocities[0, -1] = -0.75 * ARM * rate * across
-    velocities[0, -2] = velocities[0, -1] - segment * rate * across
-    state = dataclasses.replace(state, velocities=velocities)
+    state.velocities[0, -1] = -0.75 * ARM * rate * across
+    state.velocities[0, -2] = state.velocities[0, -1] - segment * rate * across
     rollout = engine.rollout(cable, path, state, duration=0.2, sample_dt=5e-3)
     way = (rollout.endpoint_xyz[0] - rollout.endpoint_xyz[0, 0]) @ across
     slowing = lever * GRAVITY / (3.0 / 16.0 * ARM**2)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from wide_casts import CABLE, casts, distance_pct
+from tests.engines.wide_casts import CABLE, casts, distance_pct
 
 from cablecast.cable import load_cable
 from cablecast.engines.base import CableState
@@ -32,10 +32,6 @@ def cuda_device():
         pytest.skip("no CUDA device")
 
 
-def made_of(**material):
-    return CABLE.with_params(**material)
-
-
 def landings_apart(cable, paths, **options):
     """Distances between landings on the CPU and on CUDA [% of cable length], shape [world]."""
     cpu, cuda = (
@@ -47,7 +43,9 @@ def landings_apart(cable, paths, **options):
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_cuda_gives_the_landings_of_the_cpu(name):
-    apart = landings_apart(made_of(**MATERIALS[name]), casts(256, SEED), precision="double")
+    apart = landings_apart(
+        CABLE.with_params(**MATERIALS[name]), casts(256, SEED), precision="double"
+    )
     # Same arithmetic in another order: rounding of 1e-16, grown by the sensitivity of a cast.
     assert np.median(apart) < 1e-3
     assert np.percentile(apart, 90) < 0.1

@@ -1,34 +1,22 @@
 """Forces that EngineWarp records: tension along the cable, and the pull on its grippers."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from benchmarks.validation.scenes import LENGTH, MASS, make_cable
 from scipy.optimize import brentq
 
-from cablecast.cable import Cable, CableParams
 from cablecast.conventions import GRAVITY
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.grip_path import GripPath
 
-LENGTH, MASS, WEIGHT = 0.6, 0.05, 0.012
-CABLE = Cable(
-    name="rope",
-    length=LENGTH,
-    diameter=0.01,
-    params=CableParams(
-        twist_stiffness=1e-3,
-        bend_stiffness=1e-4,
-        mass=MASS,
-        endpoint_mass=WEIGHT,
-        lateral_friction=0.5,
-        worksurface_friction=0.5,
-        spinning_friction=0.0,
-        rolling_friction=0.0,
-        linear_damping=0.0,
-        angular_damping=0.0,
-    ),
+WEIGHT = 0.012
+CABLE = make_cable(
+    twist_stiffness=1e-3,
+    bend_stiffness=1e-4,
+    endpoint_mass=WEIGHT,
+    lateral_friction=0.5,
+    worksurface_friction=0.5,
 )
 COUNT = 40
 ALONG = np.linspace(0.0, LENGTH, COUNT + 1)
@@ -37,10 +25,6 @@ MIDDLES = 0.5 * (ALONG[1:] + ALONG[:-1])
 
 def engine(**options):
     return EngineWarp(segment_count=COUNT, dt=5e-4, precision="double", table=False, **options)
-
-
-def with_params(**values):
-    return dataclasses.replace(CABLE, params=dataclasses.replace(CABLE.params, **values))
 
 
 def hold(position=(0.0, 0.0, 0.0), pitch=0.0):
@@ -106,7 +90,7 @@ def test_two_grippers_share_the_weight_and_bear_the_pull_of_a_catenary():
     nodes[0, :, 1] = a * np.arcsinh(s / a) + 0.5 * span
     nodes[0, :, 2] = np.hypot(s, a) - np.hypot(0.5 * LENGTH, a)
     slope = np.arctan2(0.5 * LENGTH, a)
-    soft = with_params(bend_stiffness=1e-7, twist_stiffness=0.0, linear_damping=2.0)
+    soft = CABLE.with_params(bend_stiffness=1e-7, twist_stiffness=0.0, linear_damping=2.0)
     rollout = engine().rollout(
         soft,
         hold(pitch=-slope),
@@ -125,7 +109,7 @@ def test_two_grippers_share_the_weight_and_bear_the_pull_of_a_catenary():
 
 
 def test_along_a_bent_rod_the_tension_is_the_weight_below_as_far_as_it_points_down():
-    stiff = with_params(bend_stiffness=5e-3, linear_damping=5.0, angular_damping=50.0)
+    stiff = CABLE.with_params(bend_stiffness=5e-3, linear_damping=5.0, angular_damping=50.0)
     nodes = np.zeros((1, COUNT + 1, 3))
     nodes[0, :, 1] = ALONG
     rollout = engine().rollout(
@@ -157,7 +141,7 @@ def test_the_force_on_a_moving_grip_is_what_changes_the_momentum_of_the_cable():
     dt = 5e-4
     path = GripPath.fit(times, poses)
     rollout = engine().rollout(
-        with_params(angular_damping=20.0),
+        CABLE.with_params(angular_damping=20.0),
         path,
         CableState.at_rest(nodes, twist=2.0),
         duration=0.7,
@@ -180,7 +164,7 @@ def test_the_force_on_a_moving_grip_is_what_changes_the_momentum_of_the_cable():
 
 
 def test_forces_are_recorded_where_they_are_asked_for_and_change_no_motion():
-    cables = [CABLE, with_params(mass=0.1)]
+    cables = [CABLE, CABLE.with_params(mass=0.1)]
     paths = GripPath.stack([hold(), hold()])
     nodes = np.zeros((1, COUNT + 1, 3))
     nodes[0, :, 1] = ALONG
@@ -197,13 +181,13 @@ def test_forces_are_recorded_where_they_are_asked_for_and_change_no_motion():
 def test_a_cable_so_stiff_that_rounding_competes_with_friction_is_warned_of(
     stiffness, warned, recwarn
 ):
-    cable = with_params(bend_stiffness=stiffness)
+    cable = CABLE.with_params(bend_stiffness=stiffness)
     coarse = EngineWarp(segment_count=50)
     coarse.rollout(cable, hold((0.0, 0.6, 0.02)), duration=0.01)
     assert [("may creep" in str(w.message)) for w in recwarn] == [True] * warned
     # A fit's worlds, double precision and a cable in the air are left alone.
-    many = dataclasses.replace(cable.params, mass=np.full(2, MASS))
-    coarse.rollout(cable.with_params(many), hold((0.0, 0.6, 0.02)), duration=0.01)
+    many = cable.with_params(mass=np.full(2, MASS))
+    coarse.rollout(many, hold((0.0, 0.6, 0.02)), duration=0.01)
     EngineWarp(segment_count=50, precision="double").rollout(
         cable, hold((0.0, 0.6, 0.02)), duration=0.01
     )
@@ -219,8 +203,7 @@ def test_single_precision_lets_a_bent_cable_creep_where_it_warns_and_double_hold
     edges = np.stack([np.sin(angles), np.cos(angles), 0 * angles], axis=2) * LENGTH / 50
     nodes = np.pad(np.cumsum(edges, axis=1), ((0, 0), (1, 0), (0, 0)))
     nodes[..., 2] = CABLE.radius
-    params = dataclasses.replace(
-        CABLE.params,
+    cables = CABLE.with_params(
         bend_stiffness=stiffness,
         mass=np.full(2, mass),
         endpoint_mass=np.zeros(2),
@@ -229,7 +212,7 @@ def test_single_precision_lets_a_bent_cable_creep_where_it_warns_and_double_hold
     moved = {}
     for precision in ("single", "double"):
         rollout = EngineWarp(50, 5e-4, precision=precision, rest_speed=0.0).rollout(
-            CABLE.with_params(params),
+            cables,
             hold((0.0, 0.0, CABLE.radius)),
             CableState.at_rest(nodes),
             duration=5.0,

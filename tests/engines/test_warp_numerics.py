@@ -6,9 +6,8 @@ import threading
 
 import numpy as np
 import pytest
-from wide_casts import CABLE, casts, distance_pct
+from tests.engines.wide_casts import CABLE, casts, distance_pct
 
-from cablecast.cable import CableParams
 from cablecast.conventions import mirror_xy
 from cablecast.engines.warp_ import EngineWarp, rollout
 from cablecast.errors import InputError
@@ -102,19 +101,6 @@ def test_stopping_at_rest_does_not_change_the_landing():
     assert np.linalg.norm(early[:, -1] - late[:, -1], axis=1).max() < 2e-4
 
 
-def test_parameters_per_world_give_what_each_gives_alone():
-    values = np.repeat(CABLE.params.to_array()[None], 3, axis=0)
-    values[1, CableParams.names().index("lateral_friction")] *= 0.5
-    values[2, CableParams.names().index("bend_stiffness")] *= 3.0
-    engine = EngineWarp(precision="double")
-    path = casts(1)
-    batch = engine.rollout(CABLE.with_params(CableParams.from_array(values)), path, duration=3.0)
-    for world, row in enumerate(values):
-        alone = engine.rollout(CABLE.with_params(CableParams.from_array(row)), path, duration=3.0)
-        np.testing.assert_array_equal(batch.endpoint_xyz[world], alone.endpoint_xyz[0])
-    assert np.linalg.norm(np.diff(batch.endpoint_xy[:, -1], axis=0), axis=1).min() > 1e-3
-
-
 def test_a_world_that_breaks_is_marked_and_leaves_its_neighbours_alone():
     paths = casts(16)
     engine = EngineWarp()
@@ -146,8 +132,6 @@ def test_worlds_of_the_search_space_stay_finite():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"segment_count": 1}, "segment_count = 1"),
-        ({"dt": -1.0}, "dt = -1"),
         ({"precision": "half"}, "half"),
         ({"device": "tpu"}, "tpu"),
     ],

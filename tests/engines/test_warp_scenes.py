@@ -1,8 +1,7 @@
 """Whole scenes with EngineWarp: lifting the cable, letting it hang, swinging, dragging it back."""
 
-import dataclasses
-
 import numpy as np
+from tests.engines.grips import smooth
 
 from cablecast.cable import load_cable
 from cablecast.engines.base import CableState, reset_state
@@ -10,16 +9,14 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.grip_path import GripPath
 
 # As much damping as three seconds of hanging need to settle.
-PRESET = load_cable("cable_1")
-CABLE = dataclasses.replace(PRESET, params=dataclasses.replace(PRESET.params, linear_damping=1.5))
+CABLE = load_cable("cable_1").with_params(linear_damping=1.5)
 GRIP_HEIGHT = 0.02
 
 
 def glide(start, end, duration):
     """Return a grip that moves from one pose to another, at rest at both ends."""
     times = np.linspace(0.0, duration, 60)
-    share = times / duration
-    share = share**3 * (10 - 15 * share + 6 * share**2)
+    share = smooth(times / duration)
     start, end = np.asarray(start, float), np.asarray(end, float)
     return GripPath.fit(times, start + share[:, None] * (end - start))
 

@@ -1,10 +1,4 @@
-import pathlib
-import sys
-
 import pytest
-
-# Tests are imported without their folder on the path.
-sys.path.insert(0, str(pathlib.Path(__file__).parent))
 
 
 @pytest.fixture(scope="module")

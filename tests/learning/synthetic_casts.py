@@ -1,10 +1,11 @@
-"""Casts whose landings follow a formula, and small models for the tests of this folder."""
+"""Casts whose landings follow a formula, and small models."""
 
 import itertools
 
 import numpy as np
 
 from cablecast.data.dataset import Dataset
+from cablecast.learning.gaussian_process import GaussianProcessModel
 from cablecast.learning.network import ForwardModel
 from cablecast.setup import Setup
 
@@ -66,4 +67,43 @@ def network(widths, seed=0, info=None):
         endpoint_mean=np.array([0.6, 0.7]),
         endpoint_scale=0.3,
         info=info or {},
+    )
+
+
+def plain_model(*layers, setup=SETUP, **changes):
+    """Return a model of these matrices and offsets that normalises nothing.
+
+    Every cast keeps 1 m within the table, unless `changes` of the other fields say otherwise.
+    """
+    values = {
+        "weights": tuple(
+            (np.array(matrix, dtype=np.float32), np.array(offset, dtype=np.float32))
+            for matrix, offset in layers
+        ),
+        "feature_mean": np.zeros(4),
+        "feature_scale": np.ones(4),
+        "endpoint_mean": np.zeros(2),
+        "endpoint_scale": 1.0,
+        "margin_features": np.zeros((1, 4), dtype=np.float32),
+        "margins": np.ones(1, dtype=np.float32),
+        "info": {"dataset": {"settings": setup.to_settings(), "fingerprint": "f00d"}},
+    }
+    return ForwardModel(**values | changes)
+
+
+def linear_model(slope=0.05, **changes):
+    """Return a model that lands at (0.9 theta2 - 0.2, 0.6 + r2 + slope * wrist)."""
+    matrix = [[0.0, 0.0], [0.9, 0.0], [0.0, 1.0], [0.0, slope]]
+    return plain_model((matrix, [-0.2, 0.6]), **changes)
+
+
+def process_of(model):
+    """Return a Gaussian process with the normalisation and the description of a network."""
+    shared = vars(model).copy()
+    del shared["weights"]
+    return GaussianProcessModel(
+        **shared,
+        inputs=np.ones((3, 4), dtype=np.float32),
+        length_scales=np.ones(4),
+        coefficients=np.ones((3, 2)),
     )

@@ -1,9 +1,7 @@
-import numpy as np
 import pytest
-from synthetic_casts import CABLE, network
+from tests.learning.synthetic_casts import CABLE, network, process_of
 
 from cablecast.learning.card import model_card
-from cablecast.learning.gaussian_process import GaussianProcessModel
 from cablecast.setup import Setup
 
 SETTINGS = Setup().with_motion(v_max=1.31, r0=0.62).to_settings()
@@ -145,15 +143,8 @@ def test_every_setting_stands_in_the_table_and_what_is_missing_does_not():
 
 
 def test_a_gaussian_process_is_called_one_and_tells_its_kernel():
-    shared = vars(described(kernel={"amplitude_m": 0.412, "length_scales": [1.5, 2.5]})).copy()
-    del shared["weights"]
-    process = GaussianProcessModel(
-        **shared,
-        inputs=np.ones((3, 4), dtype=np.float32),
-        length_scales=np.ones(4),
-        coefficients=np.ones((3, 2)),
-    )
-    card = model_card(process)
+    kernel = {"amplitude_m": 0.412, "length_scales": [1.5, 2.5]}
+    card = model_card(process_of(described(kernel=kernel)))
     assert "A Gaussian process from an action" in card
     assert "neural network" not in card
     assert settings(card)["kernel.amplitude_m"] == "0.412"

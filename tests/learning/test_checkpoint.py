@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from synthetic_casts import network, random_actions
+from tests.learning.synthetic_casts import network, process_of, random_actions
 
 from cablecast.errors import CheckpointError, MissingExtraError
 from cablecast.learning.checkpoint import import_torch, one_thread
@@ -78,19 +78,12 @@ def test_a_failed_save_leaves_the_old_model(tmp_path):
     assert ForwardModel.load(tmp_path).fingerprint == old.fingerprint
 
 
-def process():
-    shared = vars(network([4, 2])).copy()
-    del shared["weights"]
-    return GaussianProcessModel(
-        **shared,
-        inputs=np.ones((3, 4), dtype=np.float32),
-        length_scales=np.ones(4),
-        coefficients=np.ones((3, 2)),
-    )
-
-
 @pytest.mark.parametrize(
-    ("model", "kind"), [(network([4, 8, 2]), ForwardModel), (process(), GaussianProcessModel)]
+    ("model", "kind"),
+    [
+        (network([4, 8, 2]), ForwardModel),
+        (process_of(network([4, 2])), GaussianProcessModel),
+    ],
 )
 def test_a_model_is_loaded_as_the_kind_that_was_saved(model, kind, tmp_path):
     model.save(tmp_path)
@@ -102,7 +95,7 @@ def test_a_model_is_loaded_as_the_kind_that_was_saved(model, kind, tmp_path):
 
 
 def test_a_model_is_not_loaded_as_another_kind(tmp_path):
-    process().save(tmp_path)
+    process_of(network([4, 2])).save(tmp_path)
     with pytest.raises(
         CheckpointError, match=r"gaussian_process .* must be cablecast.forward_model"
     ):

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 import scipy.special
 import scipy.stats
-from synthetic_casts import CABLE, dataset_of, random_actions, smooth_dataset, smooth_map
+from tests.learning.synthetic_casts import (
+    CABLE,
+    dataset_of,
+    random_actions,
+    smooth_dataset,
+    smooth_map,
+)
 
 from cablecast.errors import InputError
 from cablecast.learning.gaussian_process import (
@@ -16,7 +22,7 @@ from cablecast.learning.gaussian_process import (
     train_gaussian_process,
 )
 from cablecast.learning.kernel import matern
-from cablecast.learning.landing import DEVIATION, action_features
+from cablecast.learning.landing import action_features
 
 torch = pytest.importorskip("torch")
 
@@ -159,25 +165,6 @@ def test_a_prediction_is_the_weighted_sum_of_kernels(model):
     expected = dense_prediction(model, actions)
     np.testing.assert_allclose(model.predict(actions), expected, atol=SINGLE_PRECISION)
 
-
-def test_the_sensitivity_is_the_root_of_the_summed_squares_of_all_shifts(model):
-    actions, changes = random_actions(10, seed=5), np.diag(DEVIATION)
-    shifts = model.landing_shifts(actions, changes)
-    expected = [np.sqrt(sum(value**2 for value in shift.ravel())) for shift in shifts]
-    np.testing.assert_allclose(model.sensitivity(actions, changes), expected)
-
-
-def test_a_saved_process_predicts_the_same(model, tmp_path):
-    pytest.importorskip("safetensors")
-    described = dataclasses.replace(model, info={"metrics": {"held_out_median_pct": 0.4}})
-    described.save(tmp_path)
-    loaded = GaussianProcessModel.load(tmp_path)
-    actions = random_actions(100, seed=6)
-    np.testing.assert_array_equal(loaded.predict(actions), model.predict(actions))
-    assert loaded.info == described.info
-
-
-pytest.importorskip("torch")
 
 COUNT = 600
 

@@ -2,7 +2,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from synthetic_casts import CABLE, dataset_of, network, random_actions, smooth_dataset
+from tests.learning.synthetic_casts import (
+    CABLE,
+    dataset_of,
+    network,
+    random_actions,
+    smooth_dataset,
+)
 
 from cablecast.errors import InputError
 from cablecast.learning.landing import (

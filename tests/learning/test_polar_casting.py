@@ -11,7 +11,6 @@ from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
 from cablecast.cast import TrialStatus
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.errors import TargetError
 from cablecast.evaluation.evaluate import evaluate_policy, trial_rows
 from cablecast.learning.policy import PolarCastingPolicy
 from cablecast.motion.polar import PolarCastConfig
@@ -72,11 +71,6 @@ def test_the_settings_of_a_run_tell_swings_apart():
     info = PolarCastingPolicy(setup=SETUP, cast=other).info
     assert info != POLICY.info
     assert json.loads(json.dumps(info, allow_nan=False))["settle_time"] == other.settle_time
-
-
-def test_a_target_that_cannot_be_asked_for_is_refused():
-    with pytest.raises(TargetError, match="off the table"):
-        POLICY.plan([0.0, 1.53])
 
 
 def test_an_evaluation_plays_it_and_leaves_the_cells_of_the_action_empty(tmp_path):

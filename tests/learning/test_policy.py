@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.learning.synthetic_casts import linear_model
 
 from cablecast.conventions import xy_to_polar
 from cablecast.errors import InputError, JointLimitError
-from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import ForwardSearchPolicy, Plan, PolarCastingPolicy
 from cablecast.motion.trajectory import Trajectory
 from cablecast.setup import Setup
@@ -17,27 +17,10 @@ CLOSE = 1e-12  # Double precision on values of the order of 1.
 ACTION = [-0.6, 0.5, 0.55, 0.8]
 
 
-def forward_search():
-    """Return a policy whose model lands at x = 0.9 theta2 - 0.2, y = 0.6 + r2."""
-    weights = np.zeros((4, 2), dtype=np.float32)
-    weights[1, 0], weights[2, 1] = 0.9, 1.0
-    model = ForwardModel(
-        weights=((weights, np.array([-0.2, 0.6], dtype=np.float32)),),
-        feature_mean=np.zeros(4),
-        feature_scale=np.ones(4),
-        endpoint_mean=np.zeros(2),
-        endpoint_scale=1.0,
-        margin_features=np.zeros((1, 4), dtype=np.float32),
-        margins=np.ones(1, dtype=np.float32),
-        info={"dataset": {"settings": SETUP.to_dict()}},
-    )
-    return ForwardSearchPolicy.build(model, 500)
-
-
 @pytest.fixture(scope="module", params=["forward search", "polar casting"])
 def policy(request):
     if request.param == "forward search":
-        return forward_search()
+        return ForwardSearchPolicy.build(linear_model(setup=SETUP), 500)
     return PolarCastingPolicy(setup=SETUP)
 
 

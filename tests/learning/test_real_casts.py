@@ -2,7 +2,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from synthetic_casts import CABLE, dataset_of, random_actions, smooth_dataset, smooth_map
+from tests.learning.synthetic_casts import (
+    CABLE,
+    dataset_of,
+    random_actions,
+    smooth_dataset,
+    smooth_map,
+)
 
 from cablecast.errors import InputError
 from cablecast.learning.landing import MIN_REAL_ROWS

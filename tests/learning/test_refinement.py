@@ -1,14 +1,11 @@
 import numpy as np
+from tests.learning.synthetic_casts import SETUP, plain_model
 
 from cablecast.conventions import mirror_xy
 from cablecast.learning.landing import DEVIATION, deviations
-from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import ForwardSearchPolicy, refine_actions
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.feasibility import check_actions
-from cablecast.setup import Setup
-
-SETUP = Setup()
 
 # Two Newton steps on a gently curved map leave a few micrometres of a step of some centimetres.
 NEWTON_TOLERANCE = 1e-4
@@ -16,22 +13,9 @@ NEWTON_TOLERANCE = 1e-4
 
 def curved_model(margin=0.2):
     """Lands near (theta2, 0.3 + r2 + wrist / 4), bent by the SiLU of its one hidden layer."""
-    hidden = np.zeros((4, 3), dtype=np.float32)
-    hidden[1, 0] = hidden[2, 1] = hidden[3, 2] = 1.0
-    out = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.25]], dtype=np.float32)
-    return ForwardModel(
-        weights=(
-            (hidden, np.full(3, 3.0, dtype=np.float32)),
-            (out, np.array([-3.0, -3.45], dtype=np.float32)),
-        ),
-        feature_mean=np.zeros(4),
-        feature_scale=np.ones(4),
-        endpoint_mean=np.zeros(2),
-        endpoint_scale=1.0,
-        margin_features=np.zeros((1, 4), dtype=np.float32),
-        margins=np.array([margin], dtype=np.float32),
-        info={"dataset": {"settings": SETUP.to_dict(), "fingerprint": "f00d"}},
-    )
+    hidden = np.eye(4)[:, 1:]
+    out = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.25]]
+    return plain_model((hidden, np.full(3, 3.0)), (out, [-3.0, -3.45]), margins=np.array([margin]))
 
 
 def some_actions():

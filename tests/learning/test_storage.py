@@ -5,38 +5,21 @@ import json
 
 import numpy as np
 import pytest
+from tests.learning.synthetic_casts import SETUP, linear_model
+from tests.robot import ROBOT
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.errors import CheckpointError, InputError
-from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.setup import Setup
 
-SETUP = Setup()
 CORRUPTION_COUNT = 300
 TARGETS = [[0.3, 1.1], [-0.2, 1.2], [0.0, 0.9]]
 
 
-def tilted_model(setup=SETUP, scale=1.0):
-    """Lands at x = theta2, y = 0.5 + r2."""
-    weights = np.zeros((4, 2), dtype=np.float32)
-    weights[1, 0] = weights[2, 1] = 1.0
-    return ForwardModel(
-        weights=((weights, np.array([0.0, 0.5], dtype=np.float32)),),
-        feature_mean=np.zeros(4),
-        feature_scale=np.ones(4),
-        endpoint_mean=np.zeros(2),
-        endpoint_scale=scale,
-        margin_features=np.zeros((1, 4), dtype=np.float32),
-        margins=np.ones(1, dtype=np.float32),
-        info={"dataset": {"settings": setup.to_dict(), "fingerprint": "f00d"}},
-    )
-
-
 def some_policy(**options):
     actions = grid_actions(ActionRanges(), (2, 9, 9, 2))
-    return ForwardSearchPolicy.from_candidates(actions, tilted_model(**options))
+    return ForwardSearchPolicy.from_candidates(actions, linear_model(**options))
 
 
 @pytest.fixture(scope="module")
@@ -96,14 +79,7 @@ def test_a_policy_of_equation_1_does_not_take_the_place_of_the_one_it_was_made_o
 
 
 def test_a_policy_in_a_robots_box_is_saved_too(policy, tmp_path):
-    robot = RobotConfig(
-        address="192.0.2.1",
-        payload_mass=1.0,
-        payload_cog=(0.0, 0.0, 0.05),
-        box_low=(-1.0, 0.1, -0.3),
-        box_high=(1.0, 1.0, 1.0),
-    )
-    there = policy.in_lab(dataclasses.replace(SETUP, robot=robot))
+    there = policy.in_lab(dataclasses.replace(SETUP, robot=ROBOT))
     there.save(tmp_path)
     again = ForwardSearchPolicy.load(tmp_path)
     assert again.setup.robot is None
@@ -186,7 +162,7 @@ def test_arrays_that_do_not_belong_together_are_refused(file, name, spoil):
 
 @pytest.mark.parametrize(
     "other",
-    [tilted_model(scale=2.0), tilted_model(Setup(cable="cable_2"))],
+    [linear_model(endpoint_scale=2.0), linear_model(setup=Setup(cable="cable_2"))],
     ids=["arrays", "setup"],
 )
 def test_a_policy_beside_a_model_that_it_was_not_built_with_is_refused(file, other):

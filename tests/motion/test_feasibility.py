@@ -2,8 +2,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.robot import ROBOT
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.arm.ur import ArmUR, ur_limits
 from cablecast.errors import ActionError, InputError, JointLimitError
 from cablecast.motion.action import Action, ActionRanges, grid_actions, mirror_actions
@@ -133,13 +133,7 @@ BOX_LOW, BOX_HIGH = (-0.97, 0.05, 0.0), (0.75, 0.97, 1.1)
 
 
 def test_what_may_be_chosen_keeps_grip_and_flange_within_the_robots_box_on_both_sides():
-    robot = RobotConfig(
-        address="localhost",
-        payload_mass=1.0,
-        payload_cog=(0.0, 0.0, 0.05),
-        box_low=BOX_LOW,
-        box_high=BOX_HIGH,
-    )
+    robot = dataclasses.replace(ROBOT, box_low=BOX_LOW, box_high=BOX_HIGH)
     setup = Setup(robot=robot)
     sweep = [[-0.8, 1.53, 0.6, 1.6]]
     (violation,) = check_actions(sweep, setup).reasons[0]

@@ -33,10 +33,6 @@ TINY = Budget(
 FEW_TARGETS = 4
 
 
-class StoppedError(Exception):
-    """Stands for a kill in the middle of the reproduction."""
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("coarse_engine")
 def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_path, monkeypatch):
@@ -56,9 +52,9 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
     def stop(report):
         begun.append(report.task)
         if "train (real)" in report.task:
-            raise StoppedError
+            raise KeyboardInterrupt
 
-    with pytest.raises(StoppedError):
+    with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path, budget=TINY, rig="engine", progress=stop)
     done_before = {path.parent for path in tmp_path.rglob("metrics.json")}
     stamps = {folder: (folder / "metrics.json").stat().st_mtime_ns for folder in done_before}
@@ -101,9 +97,9 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
 
 def test_another_budget_in_the_same_folder_is_refused(tmp_path):
     def stop(report):
-        raise StoppedError
+        raise KeyboardInterrupt
 
-    with pytest.raises(StoppedError):
+    with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path, budget=TINY, rig="engine", progress=stop)
     (tmp_path / "cable_1").mkdir()
     (tmp_path / "cable_1/result").write_text("")

@@ -26,7 +26,7 @@ from cablecast.workspace import Workspace
 # A user's own rig is made as the command line makes it, from a module in the working directory.
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 USER_RIG = "05_your_own_rig:make_rig"
-TWIN_FILE = pathlib.Path(__file__).parents[2] / "examples" / "twin.yaml"
+TWIN_FILE = EXAMPLES / "twin.yaml"
 
 TwinMaker = Callable[..., tuple[TwinProcess, Setup]]
 

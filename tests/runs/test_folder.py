@@ -104,14 +104,10 @@ def test_another_process_is_kept_out_of_a_folder_while_a_run_is_in_it(tmp_path):
     assert other_process() == "held"
 
 
-def test_an_export_that_was_killed_does_not_stop_runs_around_it(tmp_path):
+def test_an_export_that_was_killed_does_not_stop_runs_around_it(tmp_path, dead_process):
     left = tmp_path / "run" / ".casts-lerobot.12-x.tmp"
     left.mkdir(parents=True)
-    child = os.fork()
-    if child == 0:
-        os._exit(0)
-    os.waitpid(child, 0)
-    (tmp_path / "run" / f".metrics.json.{child}-x.tmp").write_text("{")
+    (tmp_path / "run" / f".metrics.json.{dead_process}-x.tmp").write_text("{")
     with hold_folder(tmp_path / "run", InputError):
         assert [file.name for file in (tmp_path / "run").iterdir()] == [left.name]
 

@@ -166,10 +166,6 @@ def test_a_posterior_is_read_back_as_it_was_written(result, cable, tmp_path):
         )
 
 
-class StoppedError(Exception):
-    """Stands for Ctrl-C in the middle of a fit."""
-
-
 @pytest.mark.parametrize("step", [1, 3])
 def test_a_fit_that_was_stopped_goes_on_at_its_step_with_the_same_result(
     result, cable, few, others, engine, tmp_path, step
@@ -179,10 +175,10 @@ def test_a_fit_that_was_stopped_goes_on_at_its_step_with_the_same_result(
     def stop(progress):
         reports.append(progress.done)
         if len(reports) == step:
-            raise StoppedError
+            raise KeyboardInterrupt
 
     parts = Parts(tmp_path)
-    with pytest.raises(StoppedError):
+    with pytest.raises(KeyboardInterrupt):
         fit_params(cable, few, others, engine, engine, CONFIG, checkpoint=parts, progress=stop)
     assert len(list(tmp_path.iterdir())) == step
     taken = []

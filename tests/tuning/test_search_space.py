@@ -43,7 +43,7 @@ def test_logarithmic_parameters_have_their_geometric_mean_in_the_middle():
 
 def test_a_cable_without_an_attachment_may_still_turn_out_to_have_a_heavy_end():
     cable = load_cable("cable_1")
-    bare = dataclasses.replace(cable, params=dataclasses.replace(cable.params, endpoint_mass=0.0))
+    bare = cable.with_params(endpoint_mass=0.0)
     space = SearchSpace.for_cable(bare)
     index = CableParams.names().index("endpoint_mass")
     assert space.low[index] == 0.0

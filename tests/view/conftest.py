@@ -1,42 +1,20 @@
 """A desk in a linear world: a policy with a closed form, and a rig that lands beside it."""
 
-import itertools
 import time
 
 import numpy as np
 import pytest
+from tests.learning.synthetic_casts import SETUP, linear_model
 
 from cablecast.aiming.session import AimSession
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import RigError
-from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.make import make_rig
-from cablecast.setup import Setup
 from cablecast.view.desk import Desk
-
-SETUP = Setup()
-
-
-def linear_model():
-    """Return a model whose landing is (0.9 theta2 - 0.2, 0.6 + r2 + wrist / 20)."""
-    weights = np.zeros((4, 2), dtype=np.float32)
-    weights[1, 0], weights[2, 1], weights[3, 1] = 0.9, 1.0, 0.05
-    axes = [np.linspace(*ends, 4) for ends in ((-1.4, -0.1), (0.1, 1.4), (0.35, 0.8), (0.0, 1.6))]
-    features = np.array(list(itertools.product(*axes)), dtype=np.float32)
-    return ForwardModel(
-        weights=((weights, np.array([-0.2, 0.6], dtype=np.float32)),),
-        feature_mean=np.zeros(4),
-        feature_scale=np.ones(4),
-        endpoint_mean=np.zeros(2),
-        endpoint_scale=1.0,
-        margin_features=features,
-        margins=np.full(len(features), 0.1, dtype=np.float32),
-        info={"dataset": {"settings": SETUP.to_dict(), "fingerprint": "f00d"}},
-    )
 
 
 class OffsetRig(RigLifecycle):

@@ -1,9 +1,14 @@
-"""Serve the page with a model that needs no training: python serve_page.py FOLDER PORT RIG."""
+"""Serve the page with a model that needs no training.
+
+python -m tests.view.serve_page FOLDER PORT RIG
+"""
 
 import pathlib
 import sys
 
 import numpy as np
+from tests.learning.synthetic_casts import SETUP, linear_model
+from tests.view.conftest import OffsetRig
 
 from cablecast.aiming.session import AimSession
 from cablecast.learning.policy import ForwardSearchPolicy
@@ -12,7 +17,6 @@ from cablecast.rigs.make import make_rig
 from cablecast.view.desk import Desk
 from cablecast.view.page import Page
 from cablecast.view.worker import Worker
-from conftest import SETUP, OffsetRig, linear_model
 
 FRAMES_PER_SECOND = 5.0
 """Fewer pictures than a person wants: drawing in software takes most of the time of these tests."""

@@ -51,9 +51,10 @@ class Served:
         self.start()
 
     def start(self):
-        script = pathlib.Path(__file__).with_name("serve_page.py")
+        options = [str(self.folder), str(self.port), self.kind]
         self.process = subprocess.Popen(
-            [sys.executable, str(script), str(self.folder), str(self.port), self.kind],
+            [sys.executable, "-m", "tests.view.serve_page", *options],
+            cwd=pathlib.Path(__file__).parents[2],
             stdout=subprocess.PIPE,
             text=True,
         )

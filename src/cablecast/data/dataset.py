@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
+from cablecast.conventions import Array
 from cablecast.data.schema import (
     ACTION_COLUMNS,
     COLUMNS,
@@ -51,11 +52,11 @@ class Dataset:
         path: Folder that it was read from; None for a dataset in memory.
     """
 
-    actions: NDArray[np.float64]
-    endpoint_xy: NDArray[np.float64]
+    actions: Array
+    endpoint_xy: Array
     status: NDArray[np.str_]
-    duration: NDArray[np.float64]
-    extent: NDArray[np.float64]
+    duration: Array
+    extent: Array
     extra: dict[str, Any] = dataclasses.field(default_factory=dict)
     info: dict[str, Any] = dataclasses.field(default_factory=dict)
     path: pathlib.Path | None = None
@@ -116,7 +117,7 @@ class Dataset:
         codes, counts = np.unique(self.status, return_counts=True)
         return dict(zip(codes.tolist(), counts.tolist(), strict=True))
 
-    def table_margin(self) -> NDArray[np.float64]:
+    def table_margin(self) -> Array:
         """Return the free end's least distance from the table's edges by cast [m], shape [row].
 
         It is negative where the end left the table, minus infinity where its path is unknown.
@@ -210,7 +211,7 @@ class Dataset:
         except ValueError as error:
             raise DatasetError(f"trial {row} of {self._name}: {error}") from None
 
-    def measured_poses(self, row: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def measured_poses(self, row: int) -> tuple[Array, Array] | None:
         """Return times [s] and poses of the tracked grip in one trial; None if it was not tracked.
 
         A pose is x, y, z [m], yaw and pitch [rad]; shapes [sample] and [sample, 5].
@@ -222,7 +223,7 @@ class Dataset:
         texts = self.extra.get("rig")
         return self.settings.rig if texts is None else json.loads(texts[row])
 
-    def _values(self, name: str, row: int) -> NDArray[np.float64] | None:
+    def _values(self, name: str, row: int) -> Array | None:
         column = self.extra.get(name)
         if column is None or column[row] is None:
             return None
@@ -230,7 +231,7 @@ class Dataset:
 
     def _by_time(
         self, times_name: str, name: str, size: int, row: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    ) -> tuple[Array, Array] | None:
         """Return times, and values that are stored one group after the other; None without any."""
         times, values = self._values(times_name, row), self._values(name, row)
         if times is None or values is None or not len(times):
@@ -369,7 +370,7 @@ def read_dataset(path: str | pathlib.Path) -> Dataset:
 def table_dataset(table: Any, info: dict[str, Any], path: pathlib.Path | None = None) -> Dataset:
     """Return the dataset that a pyarrow table of checked rows holds."""
 
-    def stack(names: tuple[str, ...]) -> NDArray[np.float64]:
+    def stack(names: tuple[str, ...]) -> Array:
         return np.stack([table[name].to_numpy() for name in names], axis=-1)
 
     known = {column.name for column in COLUMNS}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cablecast.arm.base import Arm
 from cablecast.cast import TrialStatus
+from cablecast.conventions import Array
 from cablecast.data.dataset import Dataset
 from cablecast.errors import DatasetError
 from cablecast.files import write_json, write_text
@@ -294,9 +295,7 @@ def _episode_row(episode: Episode, task: str, fps: int, video: Video | None) -> 
     return row
 
 
-def _resampled(
-    known: NDArray[np.float64], xy: NDArray[np.float64], times: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _resampled(known: Array, xy: Array, times: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Return the endpoint at other times, and whether it was seen about then."""
     finite = np.all(np.isfinite(xy), axis=1)
     if not np.any(finite):

@@ -6,16 +6,14 @@ import itertools
 import pathlib
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.camera.tags import rigid_fit
 from cablecast.cast import EndpointTrack
+from cablecast.conventions import Array
 from cablecast.errors import InputError, check_number
 from cablecast.files import JSON_SIZE_MAX, read_bytes, read_numbers
 from cablecast.vision.tracker import track_samples
 from cablecast.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 _UNITS = {"meters": 1.0, "m": 1.0, "centimeters": 0.01, "cm": 0.01, "millimeters": 1e-3, "mm": 1e-3}
 _SECTIONS = ("Trajectories", "Segments", "Objects")

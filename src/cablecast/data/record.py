@@ -15,9 +15,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
+from cablecast.conventions import Array
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.simulate import actions_digest
 from cablecast.data.store import cast_row
@@ -27,8 +28,8 @@ from cablecast.errors import (
     InputError,
     RigError,
     StoppedError,
+    check_choice,
     check_count,
-    check_seed,
 )
 from cablecast.files import core_count, temporary_prefix
 from cablecast.motion.action import Action, ActionRanges, check_action_values
@@ -339,16 +340,14 @@ def sample_actions(
     setup: Setup,
     seed: int = 0,
     ranges: ActionRanges | None = None,
-) -> NDArray[np.float64]:
+) -> Array:
     """Sample feasible actions in the order in which a rig should make them, shape [count, 4].
 
     They are uniform over the ranges, those that suit the set-up where None, or on a grid of them.
     """
-    check_seed(seed)
+    check_choice("sampling", sampling, typing.get_args(Sampling))
     if sampling == "uniform":
         return feasible_uniform(count, setup, ranges, seed)
-    if sampling != "grid":
-        raise InputError(f"unknown sampling {sampling!r}: one of uniform, grid")
     actions = feasible_grid(count, setup, ranges, seed)
     # Shuffled, so that a rig that drifts does not make its drift look like an effect of an action.
     return np.random.default_rng([seed, 1]).permutation(actions)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from cablecast.arm.base import Arm
 from cablecast.cable import Cable
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
+from cablecast.conventions import Array
 from cablecast.data.mocap import MocapNames
 from cablecast.errors import COUNT_MAX, InputError
 from cablecast.files import read_bytes, read_csv
@@ -25,8 +26,6 @@ from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.checked import JOINT_ANGLE_MAX
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 CAST_COLUMN, TIME_COLUMN = "cast", "time_s"
 TRACK_COLUMNS = ("x_m", "y_m")
@@ -115,8 +114,8 @@ def read_recordings(
             first = first or error
             if len(groups) > 1:
                 report(f"{error}: the cast is left out")
-    if not casts:
-        raise first or InputError(f"{path} holds no casts")
+    if first is not None and not casts:
+        raise first
     return casts
 
 

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cablecast.conventions import Array
 from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError
 from cablecast.files import read_bytes, read_sealed
 
@@ -113,7 +113,7 @@ def columns_table(columns: Mapping[str, Any]) -> Any:
     return pa.table({name: columns.get(name, []) for name in schema.names}, schema=schema)
 
 
-def track_extent(endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
+def track_extent(endpoint_xy: Array) -> Array:
     """Return smallest x, largest x, smallest y and largest y of paths [m], shape [row, 4].
 
     Paths have the shape [row, step, 2], with NaN where the free end was not seen; rows in which it
@@ -155,7 +155,7 @@ def read_info(path: pathlib.Path) -> dict[str, Any]:
         DatasetError: There is none, or it is damaged or of another schema version.
         UnreadableFileError: The system refuses to read it.
     """
-    file = pathlib.Path(path) / INFO_PATH
+    file = path / INFO_PATH
     try:
         info = read_sealed(file)
     except FileNotFoundError:

@@ -7,10 +7,10 @@ import pathlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cable import CableParams
 from cablecast.cast import TrialStatus
+from cablecast.conventions import Array
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.schema import (
     ACTION_COLUMNS,
@@ -154,7 +154,7 @@ def _check_mirrored(dynamics: Dynamics) -> None:
 
 
 def _simulate_remotely(
-    actions: NDArray[np.float64],
+    actions: Array,
     dynamics: Dynamics,
     setup: Setup,
     made: tuple[type, dict[str, Any]],
@@ -164,14 +164,14 @@ def _simulate_remotely(
     return simulate_actions(actions, dynamics, setup, kind(**options))
 
 
-def actions_digest(actions: NDArray[np.float64]) -> str:
+def actions_digest(actions: Array) -> str:
     """Return a fingerprint of actions, shape [action, 4]."""
     # Rounded, so that the last bits of another machine's mathematics do not matter.
     return hashlib.sha256(np.round(actions, 9).tobytes()).hexdigest()[:16]
 
 
 def simulate_actions(
-    actions: NDArray[np.float64],
+    actions: Array,
     dynamics: Dynamics | CableParams,
     setup: Setup,
     engine: Engine,

@@ -19,6 +19,7 @@ from cablecast.engines import make_engine
 from cablecast.errors import (
     ActionError,
     InputError,
+    check_choice,
     check_count,
     check_number,
     says_what_it_takes,
@@ -99,13 +100,9 @@ class CastTask:
 
     def __post_init__(self):
         for name, kinds in (("action_form", ActionForm), ("off_table", OffTable)):
-            if getattr(self, name) not in typing.get_args(kinds):
-                raise InputError(
-                    f"{name} {str(getattr(self, name))[:40]!r} must be one of "
-                    f"{', '.join(typing.get_args(kinds))}"
-                )
+            check_choice(name, getattr(self, name), typing.get_args(kinds))
         check_count("tries", self.tries, high=TRIES_MAX)
-        check_number("spread", self.spread, 0.0, 1.0, "")
+        check_number("spread", self.spread, 0.0, 1.0)
         check_number("fail_reward", self.fail_reward, -1e6, 0.0, "%")
         if self.targets is not None:
             self.targets = self.setup.workspace.check_targets(
@@ -266,8 +263,8 @@ class _Casts:
         render_mode: str | None = None,
         **options: Any,
     ):
-        if render_mode not in (None, *RENDER_MODES):
-            raise InputError(f"render_mode {str(render_mode)[:40]!r} must be one of rgb_array")
+        if render_mode is not None:
+            check_choice("render_mode", render_mode, RENDER_MODES)
         self.render_mode = render_mode
         setup = setup or (tuned.setup if tuned is not None else Setup())
         tuned = Tuned.of(tuned, setup)
@@ -462,11 +459,8 @@ class CastVectorEnv(gymnasium.vector.VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         **options: Any,
     ):
-        known = [mode.value for mode in AutoresetMode]
-        if autoreset_mode not in (*AutoresetMode, *known):
-            raise InputError(
-                f"autoreset_mode {str(autoreset_mode)[:40]!r} must be one of {', '.join(known)}"
-            )
+        if not isinstance(autoreset_mode, AutoresetMode):
+            check_choice("autoreset_mode", autoreset_mode, [mode.value for mode in AutoresetMode])
         mode = AutoresetMode(autoreset_mode)
         if mode is AutoresetMode.DISABLED:
             raise InputError("autoreset_mode must be NextStep or SameStep: each step ends episodes")

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.conventions import Array
 from cablecast.workspace import Workspace
 
 SCALE = 250.0
@@ -15,9 +16,7 @@ RING, DOT = 0.05, 0.02
 """Radius of the target's ring, and of a landing [m]."""
 
 
-def picture(
-    workspace: Workspace, target_xy: NDArray[np.float64], landings_xy: NDArray[np.float64]
-) -> NDArray[np.uint8]:
+def picture(workspace: Workspace, target_xy: Array, landings_xy: Array) -> NDArray[np.uint8]:
     """Return the picture, shape [row, column, 3]; the robot's right is on the right.
 
     Args:
@@ -32,7 +31,7 @@ def picture(
     rows = np.arange(far + MARGIN, min(workspace.y_min, 0.0) - MARGIN, -1.0 / SCALE)
     x, y = np.meshgrid(columns, rows)
 
-    def distance(point: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance(point: Array) -> Array:
         return np.hypot(x - point[0], y - point[1])
 
     image = np.empty((*x.shape, 3), dtype=np.uint8)

@@ -7,6 +7,7 @@ import os
 
 import numpy as np
 import pytest
+from tests.rigs.ur.conftest import UR10E
 
 from cablecast.cli.main import main
 from cablecast.data.dataset import read_dataset
@@ -21,13 +22,6 @@ pytest.importorskip("torch")
 # is guessed.
 CAMERA = {"width": 960, "height": 540, "rate": 15.0, "exposure": 0.002}
 LANDING_ERROR_MAX = 0.01
-# From docs/lab.md.
-UR10E = {
-    "arm": {"base_height": 0.126},
-    "workspace": {"r_max": 1.2, "reset_y": 0.76},
-    "motion": {"r0": 0.76, "control_dt": 0.002},
-    "robot": {"box_low": [-1.25, 0.05, 0.0], "box_high": [1.25, 1.25, 1.5]},
-}
 UR5 = {"robot": {"box_low": [-0.97, 0.05, 0.0], "box_high": [0.97, 0.97, 1.1]}}
 # As fast as this computer simulates; the clock waits for the client.
 TWIN = {"segment_count": 10, "rate": 10.0}

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.robot import ROBOT
 
-from cablecast.arm.robot import Obstacle, RobotConfig
+from cablecast.arm.robot import Obstacle
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import CablecastError, InputError, JointLimitError
 from cablecast.motion.action import Action
@@ -29,6 +30,7 @@ from cablecast.rigs.ur.twin.urscript import Program
 from cablecast.setup import Setup
 
 DT = 0.008
+POST = Obstacle(start=(1.3, 0.75, 0.0), end=(1.3, 0.75, 2.0), radius=0.03)
 # What a person would not see: a tenth of a millimetre at the end of the arm.
 DEVIATION_MAX = 1e-4
 # The arithmetic of the same cubics in another order.
@@ -39,14 +41,7 @@ ROUNDING = 1e-9
 def robot_setup() -> Setup:
     return Setup(
         arm=ArmUR(measured=True),
-        robot=RobotConfig(
-            address="127.0.0.1",
-            payload_mass=0.95,
-            payload_cog=(0.0, 0.0, 0.06),
-            box_low=(-0.97, 0.05, 0.0),
-            box_high=(0.97, 0.97, 1.1),
-            obstacles=(Obstacle(start=(1.3, 0.75, 0.0), end=(1.3, 0.75, 2.0), radius=0.03),),
-        ),
+        robot=dataclasses.replace(ROBOT, obstacles=(POST,)),
     )
 
 

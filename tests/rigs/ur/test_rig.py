@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 from benchmarks.truth import TruthCamera
+from tests.rigs.ur.conftest import UR10E
 
 from cablecast.cast import TrialStatus
 from cablecast.data.record import collect_dataset
@@ -213,12 +214,6 @@ def test_an_interrupt_stops_the_arm(stick, cast):
 
 
 # From docs/lab.md, with a box about the arm's reach.
-UR10E = {
-    "arm": {"base_height": 0.126},
-    "workspace": {"r_max": 1.2, "reset_y": 0.76},
-    "motion": {"r0": 0.76, "control_dt": 0.002},
-    "robot": {"box_low": [-1.25, 0.05, 0.0], "box_high": [1.25, 1.25, 1.5]},
-}
 UR3E = {
     "arm": {"base_height": 0.13},
     "workspace": {"r_max": 0.485, "reset_y": 0.31, "support_depth": 0.25},

@@ -1,11 +1,12 @@
 """The same motions on the maker's simulator, where one runs: docs/ursim.md says how."""
 
+import dataclasses
 import os
 
 import numpy as np
 import pytest
+from tests.robot import ROBOT
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.rigs.ur.link import UrLink, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, Player
 from cablecast.rigs.ur.program import PROGRAM_SIZE_MAX, JointCurve, joint_move, motion_program
@@ -23,10 +24,9 @@ LAG_TOLERANCE = 0.01
 
 @pytest.fixture
 def player():
-    robot = RobotConfig(
+    robot = dataclasses.replace(
+        ROBOT,
         address=os.environ["CABLECAST_URSIM"],
-        payload_mass=0.95,
-        payload_cog=(0.0, 0.0, 0.06),
         box_low=(-2.0, -2.0, -2.0),
         box_high=(2.0, 2.0, 2.0),
     )

@@ -6,21 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.robot import ROBOT
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.errors import RigError, StoppedError
 from cablecast.rigs.ur.link import Report, check_arm, check_ready
 from cablecast.rigs.ur.player import CastAbortedError, Player
 from cablecast.rigs.ur.program import JointCurve, ProgramState, motion_program
 from cablecast.rigs.ur.rtde import NUMBER
 
-ROBOT = RobotConfig(
-    address="127.0.0.1",
-    payload_mass=0.95,
-    payload_cog=(0.0, 0.0, 0.06),
-    box_low=(-2.0, -2.0, -2.0),
-    box_high=(2.0, 2.0, 2.0),
-)
 DT = 0.008
 TICK_COUNT = 60
 FAULT_TICK = 30

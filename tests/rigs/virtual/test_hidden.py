@@ -95,5 +95,5 @@ def test_a_users_cable_has_a_truth_of_its_own_about_its_parameters(cable):
 
 
 def test_tuning_the_belief_of_a_preset_does_not_change_its_truth(cable):
-    tuned = dataclasses.replace(cable, params=dataclasses.replace(cable.params, mass=0.2))
+    tuned = cable.with_params(mass=0.2)
     assert hidden_cable(tuned, 0) == hidden_cable(cable, 0)

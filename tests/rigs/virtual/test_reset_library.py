@@ -77,7 +77,7 @@ def test_another_laboratory_and_a_cable_of_ones_own_have_no_library():
 
 def test_tuned_parameters_and_another_arm_do_not_change_what_the_reset_leaves():
     cable = load_cable("cable_1")
-    tuned = dataclasses.replace(cable, params=dataclasses.replace(cable.params, mass=0.06))
+    tuned = cable.with_params(mass=0.06)
     library = find_library(Setup(cable=cable))
     assert library is not None
     for setup in (

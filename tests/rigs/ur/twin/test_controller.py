@@ -105,40 +105,36 @@ def test_at_half_speed_the_same_way_takes_twice_as_long(controller, points, twin
     assert controller.int_registers[controller.robot.output_register + STATE] == ProgramState.DONE
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (np.array([0.0, 0.9, 0, 0, 0, 0]), "below the table|outside the safety planes"),
-        (np.array([2.5, 0, 0, 0, 0, 0]), "outside the safety planes"),
-    ],
-)
-def test_the_controller_itself_stops_a_path_that_leaves_its_bounds(
-    controller, home, twin_setup, change, words
-):
-    points = joint_move(home, home + change, 1.0)
-    controller.load(motion_program("cast", points, twin_setup.robot, 7))
-    run(controller, points.duration + SETTLE_TIME)
-    stops = [event for event in controller.events if event["what"] == "protective stop"]
-    assert len(stops) == 1
-    assert re.search(words, stops[0]["why"])
+def jump(home):
+    """Turn the base at once."""
+    q = np.repeat(home[None], 100, axis=0)
+    q[50:, 0] += 0.2
+    return JointCurve(np.arange(100) * 0.008, q, np.zeros((100, 6)))
 
 
 @pytest.mark.parametrize(
-    ("speed", "words"),
+    ("motion", "words"),
     [
-        (4.5, "beyond its speed|beyond its acceleration"),
-        (None, "beyond its speed|beyond its acceleration"),
+        (
+            lambda home: joint_move(home, home + [0, 0.9, 0, 0, 0, 0], 1.0),
+            "below the table|outside the safety planes",
+        ),
+        (
+            lambda home: joint_move(home, home + [2.5, 0, 0, 0, 0, 0], 1.0),
+            "outside the safety planes",
+        ),
+        (
+            lambda home: joint_move(home, home + [0.8, 0, 0, 0, 0, 0], 4.5),
+            "beyond its speed|beyond its acceleration",
+        ),
+        (jump, "beyond its speed|beyond its acceleration"),
     ],
+    ids=["below", "outside", "fast", "jump"],
 )
-def test_the_controller_itself_stops_a_path_that_is_too_fast(
-    controller, home, twin_setup, speed, words
+def test_the_controller_itself_stops_a_path_beyond_its_bounds(
+    controller, home, twin_setup, motion, words
 ):
-    if speed is None:
-        q = np.repeat(home[None], 100, axis=0)
-        q[50:, 0] += 0.2
-        points = JointCurve(np.arange(100) * 0.008, q, np.zeros((100, 6)))
-    else:
-        points = joint_move(home, home + [0.8, 0, 0, 0, 0, 0], speed)
+    points = motion(home)
     controller.load(motion_program("cast", points, twin_setup.robot, 7))
     run(controller, points.duration + SETTLE_TIME)
     stops = [event for event in controller.events if event["what"] == "protective stop"]
