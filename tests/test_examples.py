@@ -9,6 +9,7 @@ import pathlib
 import pytest
 from tools.film import main as make_films
 
+from cablecast.arm.robot import RobotConfig
 from cablecast.setup import Setup, load_setup
 from cablecast.tuning.tune import TuneConfig
 
@@ -102,6 +103,13 @@ def test_the_script_of_the_readme_is_the_first_example_and_short():
 
 def test_the_lab_file_of_the_examples_is_the_default_set_up():
     assert load_setup(FOLDER / "lab.yaml") == Setup()
+
+
+def test_the_lab_file_for_a_real_arm_moves_nothing_before_it_was_checked():
+    setup = load_setup(FOLDER / "robot.yaml")
+    assert setup.robot is not None and setup.camera is not None
+    assert not setup.arm.measured and not setup.robot.seen_safe
+    assert setup.robot.silence_max == RobotConfig.silence_max
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
