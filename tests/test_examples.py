@@ -107,8 +107,10 @@ def test_the_lab_file_of_the_examples_is_the_default_set_up():
 
 def test_the_lab_file_for_a_real_arm_moves_nothing_before_it_was_checked():
     setup = load_setup(FOLDER / "robot.yaml")
-    assert setup.robot is not None and setup.camera is not None
-    assert not setup.arm.measured and not setup.robot.seen_safe
+    assert setup.camera is not None
+    assert setup.robot is not None
+    assert not setup.robot.seen_safe
+    assert not setup.arm.measured
     assert setup.robot.silence_max == RobotConfig.silence_max
 
 
