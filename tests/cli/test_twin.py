@@ -1,13 +1,16 @@
 """The twin from the command line, and a dry run against it."""
 
+import contextlib
+import dataclasses
 import os
+import pathlib
 import subprocess
 import sys
 
 import pytest
 
 from cablecast.cli.main import main
-from cablecast.cli.options import with_instruments
+from cablecast.cli.options import open_rig, with_instruments
 from cablecast.setup import Setup, load_setup, save_setup
 
 pytest.importorskip("mujoco")
@@ -16,9 +19,6 @@ pytest.importorskip("mujoco")
 @pytest.fixture
 def lab(tmp_path):
     """Write the lab file of a twin at an address of its own."""
-    import dataclasses
-    import pathlib
-
     setup = load_setup(pathlib.Path(__file__).parents[2] / "examples" / "twin.yaml")
     if not sys.platform.startswith("linux"):
         pytest.skip("another loopback address needs Linux")
@@ -89,3 +89,18 @@ def test_a_model_is_evaluated_with_the_robot_of_the_lab_file(lab):
     assert merged.arm.measured
     assert merged.to_settings() == stored.to_settings()
     assert with_instruments(stored, None) is stored
+
+
+@pytest.mark.parametrize(("seen_safe", "said"), [(False, 1), (True, 0)])
+def test_a_person_is_told_that_the_first_casts_are_rehearsed(
+    lab, tmp_path, monkeypatch, capsys, seen_safe, said
+):
+    setup = load_setup(lab[0])
+    robot = dataclasses.replace(setup.robot, seen_safe=seen_safe)
+    connected = contextlib.nullcontext("rig")
+    monkeypatch.setattr("cablecast.rigs.make.make_rig", lambda *given, **options: connected)
+    with open_rig("ur", dataclasses.replace(setup, robot=robot), 0, tmp_path) as rig:
+        assert rig == "rig"
+    assert (
+        capsys.readouterr().out.count("The first 3 casts are rehearsed, 4 times as slowly") == said
+    )

@@ -234,6 +234,13 @@ def open_rig(
         hold_folder(out, InputError),
         make_rig(spec, setup, seed, time_limit=time_limit) as rig,
     ):
+        if spec == "ur" and setup.robot is not None and not setup.robot.seen_safe:
+            from cablecast.rigs.ur.rig import REHEARSAL_COUNT, REHEARSAL_SLOWNESS
+
+            print(
+                f"The first {REHEARSAL_COUNT} casts are rehearsed, {REHEARSAL_SLOWNESS} times as "
+                "slowly, as long as the lab file says seen_safe: false"
+            )
         yield rig
 
 
