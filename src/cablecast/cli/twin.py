@@ -39,7 +39,7 @@ class Twin:
     """Longest program that the controller takes."""
     generation: Annotated[str, argument("GENERATION", "by the arm's model")] = ""
     """Controller of the arm: cb3, e-series or polyscope-x."""
-    fault: Annotated[tuple[str, ...], argument("NAME[:PHASE[:SECONDS]]")] = ()
+    fault: Annotated[tuple[str, ...], argument("NAME[:PHASE[:SECONDS]]", "none")] = ()
     """Faults to make, such as protective_stop:cast:0.3 for 0.3 s after the start of a cast."""
 
     def run(self) -> None:
