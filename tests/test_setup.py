@@ -69,6 +69,7 @@ def test_the_cable_of_a_lab_file_may_lie_beside_it(tmp_path):
         ("cable: cable_9\n", "unknown cable 'cable_9'"),
         ("cable: 7\n", "cable must be a mapping"),
         ("cable: {name: x}\n", "lacks the keys"),
+        ("{length: 0.7, diameter: 0.01, mass: 0.05}\n", "this is a cable, not a laboratory"),
     ],
 )
 def test_a_lab_file_that_makes_no_sense_is_refused_with_its_name(tmp_path, text, words):
@@ -77,6 +78,7 @@ def test_a_lab_file_that_makes_no_sense_is_refused_with_its_name(tmp_path, text,
     with pytest.raises((InputError, UnknownNameError), match=words) as caught:
         load_setup(file)
     assert "\n" not in str(caught.value)
+    assert str(file) in str(caught.value)
 
 
 def test_a_cable_that_is_too_long_for_the_table_is_refused_with_the_bound():
@@ -84,6 +86,11 @@ def test_a_cable_that_is_too_long_for_the_table_is_refused_with_the_bound():
     with pytest.raises(InputError, match=r"may be at most 0\.9 m long"):
         Setup(cable=long, workspace=Workspace())
     assert Setup(cable=long).workspace.reset_y == pytest.approx(0.54)
+    narrow = Workspace(table_width=1.1, table_depth=1.8, table_yaw_deg=90.0)
+    with pytest.raises(InputError, match=r"with table_yaw_deg = 0 the table is 1\.8 m deep"):
+        Setup(cable=long, workspace=narrow)
+    with pytest.raises(InputError, match=r"m long$"):
+        Setup(cable=long, workspace=Workspace(table_width=1.2, table_depth=1.5))
     for deeper in (Workspace(table_depth=1.6), Workspace(table_yaw_deg=90.0)):
         assert Setup(cable=long, workspace=deeper).cable is long
 

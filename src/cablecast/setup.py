@@ -149,7 +149,7 @@ class Setup:
                 f"after a reset the cable lies from y = {workspace.reset_y:g} to {end:g} m, beyond "
                 f"the table's edge: the table reaches from {workspace.y_min:g} to "
                 f"{workspace.y_max:g} m, so the cable may be at most "
-                f"{workspace.y_max - workspace.reset_y:g} m long"
+                f"{workspace.y_max - workspace.reset_y:g} m long{_turned_hint(workspace, end)}"
             )
         if workspace.grip_height < cable.radius:
             raise InputError(
@@ -203,6 +203,11 @@ class Setup:
             InputError: A key is unknown, or a value out of bounds.
             UnknownNameError: There is no such cable or arm model.
         """
+        if isinstance(values, Mapping) and {"length", "diameter"} <= set(values):
+            raise InputError(
+                "this is a cable, not a laboratory: pass a cable file as --cable, or indent its "
+                "lines below `cable:`"
+            )
         values = check_keys(values, {*SECTIONS, *INSTRUMENTS}, "the set-up")
         robot, camera = values.get("robot"), values.get("camera")
         known = {field.name for field in dataclasses.fields(MotionConfig)}
@@ -224,6 +229,14 @@ class Setup:
             robot=None if robot is None else RobotConfig.from_dict(robot),
             camera=None if camera is None else CameraSettings.from_dict(camera, folder),
         )
+
+
+def _turned_hint(workspace: Workspace, end: float) -> str:
+    """Return that a turned table would hold a cable that ends at a y [m]; empty if it would not."""
+    turned = dataclasses.replace(workspace, table_yaw_deg=(workspace.table_yaw_deg + 90.0) % 180.0)
+    yaw_deg, depth = turned.table_yaw_deg, turned.y_max - turned.y_min
+    hint = f"; with table_yaw_deg = {yaw_deg:g} the table is {depth:g} m deep, and the cable fits"
+    return hint if end <= turned.y_max else ""
 
 
 def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Workspace:
@@ -291,9 +304,10 @@ def load_setup(path: str | os.PathLike[str], cable: Cable | None = None) -> Setu
         return Setup.from_dict(values, path.parent)
     except FileNotFoundError:
         raise UnknownNameError(f"there is no lab file {path}") from None
-    except InputError as error:
+    except (InputError, UnknownNameError) as error:
         text = str(error)
-        raise InputError(text if str(path) in text else f"{path}: {text}") from None
+        kind = InputError if isinstance(error, InputError) else UnknownNameError
+        raise kind(text if str(path) in text else f"{path}: {text}") from None
 
 
 @says_what_it_takes

@@ -160,7 +160,8 @@ def test_a_fit_to_casts_that_are_gone_is_refused(rig, tmp_path):
 
 def test_a_command_without_a_target_is_refused(capsys):
     assert main(["aim", "--rig", "engine"]) == 2
-    assert "either --target R THETA, once or more, or --paper-targets" in capsys.readouterr().err
+    needed = "either --target R THETA or --target-xy X Y, once or more, or --paper-targets"
+    assert needed in capsys.readouterr().err
 
 
 def test_the_command_fits_anew_by_itself_before_a_new_target(tmp_path, capsys):

@@ -2,8 +2,12 @@
 
 import pathlib
 import shlex
+import types
 
-from cablecast.cli.aim import Aim, _view_command
+import numpy as np
+
+from cablecast.cli.aim import Aim, _view_command, print_result
+from cablecast.setup import Setup
 
 
 def test_the_next_command_names_folders_with_spaces_whole():
@@ -13,3 +17,16 @@ def test_the_next_command_names_folders_with_spaces_whole():
     assert words[words.index("--setup") + 1] == str(lab)
     assert words[words.index("--out") + 1] == str(out)
     assert words[words.index("--candidate-count") + 1] == "77"
+
+
+def test_a_target_that_is_out_of_reach_counts_among_those_that_were_asked_for(capsys):
+    hit = types.SimpleNamespace(landed=True, miss_pct=1.0, hit=True)
+    result = types.SimpleNamespace(
+        target_xy=np.array([[0.1, 1.0]]),
+        casts=[[hit]],
+        stops=[""],
+        hit=np.array([True]),
+        session=types.SimpleNamespace(setup=Setup()),
+    )
+    print_result(result, outside=1)
+    assert "1 of 2 targets were hit." in capsys.readouterr().out

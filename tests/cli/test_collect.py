@@ -97,6 +97,14 @@ def test_casts_for_each_purpose_lie_in_a_folder_of_their_own(
     assert (metrics["cast_count"], metrics["status_counts"]) == (4, {"ok": 4})
 
 
+def test_a_collection_of_casts_that_leave_the_table_says_what_stays_on_it(lab, capsys):
+    module = (lab / "slow_rig_of_a_lab.py").read_text()
+    (lab / "leaving_rig_of_a_lab.py").write_text(module.replace("Status.OK", "Status.OFF_TABLE"))
+    arguments = ["collect", "--rig", "leaving_rig_of_a_lab:make", "--count", "2"]
+    assert main(arguments) == 0
+    assert "note: most casts left the table; --sampling spread" in capsys.readouterr().out
+
+
 def test_a_collection_killed_again_and_again_makes_each_trial_once(lab):
     command = [sys.executable, "-m", "cablecast", "collect", *RIG, "--count", "16"]
     data = lab / "runs/cable_1/tune-data/data"

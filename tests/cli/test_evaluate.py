@@ -90,6 +90,20 @@ def test_polar_casting_is_evaluated_without_a_model(in_new_folder, capsys):
     assert "simulated casts it had not seen" not in page
 
 
+@pytest.mark.usefixtures("coarse_engine")
+def test_an_evaluation_casts_at_targets_of_one_s_own(in_new_folder, capsys):
+    (in_new_folder / "lab.yaml").write_text("workspace: {table_width: 1.1}\n")
+    arguments = ["evaluate", "--policy", "polar", "--rig", "engine", "--setup", "lab.yaml"]
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert "the paper's targets do not fit this laboratory" in error
+    assert "--target R THETA" in error
+    assert main([*arguments, "--target", "1.2", "-8", "--target-xy", "0.1", "1.3"]) == 0
+    shown = capsys.readouterr().out
+    assert "2 casts at 2 targets" in shown
+    assert "paper:" not in shown
+
+
 @pytest.mark.parametrize(
     ("option", "words"),
     [(("--model", "somewhere"), "takes no model"), (("--method", "paper"), "searches nothing")],

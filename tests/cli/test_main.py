@@ -2,12 +2,14 @@ import json
 import re
 import subprocess
 import sys
+import warnings
 
 import pytest
 
 import cablecast
 from cablecast.cli import main
 from cablecast.cli.main import VERBS
+from cablecast.cli.plan import PlanVerb
 
 HEAVY = ("torch", "warp", "mujoco", "matplotlib", "scipy", "pyarrow", "jinja2", "ruckig")
 
@@ -70,6 +72,22 @@ def test_no_arguments_show_the_verbs(capsys):
 def test_the_version_is_that_of_the_package(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"cablecast {cablecast.__version__}\n"
+
+
+def test_a_warning_is_one_line_without_a_place_in_the_code(monkeypatch):
+    shown = []
+
+    def warn(verb):
+        del verb
+        for category in (UserWarning, DeprecationWarning):
+            shown.append(warnings.formatwarning("the cable\nis stiff", category, "file.py", 1, ""))
+
+    monkeypatch.setattr(PlanVerb, "run", warn)
+    usual = warnings.formatwarning
+    assert main(["plan"]) == 0
+    assert shown[0] == "cablecast: note: the cable is stiff\n"
+    assert shown[1].startswith("file.py:1: DeprecationWarning")
+    assert warnings.formatwarning is usual
 
 
 def test_help_imports_no_heavy_library():

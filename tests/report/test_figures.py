@@ -51,7 +51,12 @@ def draw_coverage(evaluation, workspace):
 
 def draw_tracks(evaluation, workspace):
     xy = np.stack([trial.track.endpoint_xy for trial in evaluation.casts[:2]])
-    tracks = types.SimpleNamespace(endpoint_xy=xy, compared=np.isfinite(xy).all(axis=2))
+    # The second one did not come to rest where it was seen.
+    tracks = types.SimpleNamespace(
+        endpoint_xy=xy,
+        compared=np.isfinite(xy).all(axis=2),
+        final_xy=np.array([xy[0, -1], [np.nan, np.nan]]),
+    )
     return track_panels(tracks, xy + 0.02, xy + 0.01, workspace, [0, 1], 0.62)
 
 
@@ -80,6 +85,14 @@ def test_every_map_shows_the_whole_table_and_the_base(make_evaluation, name, tab
         for x, y in (low, high, [0.0, -base.get_radius()], [0.0, base.get_radius()]):
             assert x_limits[0] < x < x_limits[1]
             assert y_limits[0] < y < y_limits[1]
+
+
+def test_a_track_without_a_landing_is_not_said_to_end_at_rest(make_evaluation):
+    evaluation = make_evaluation()
+    figure = draw_tracks(evaluation, evaluation.setup.workspace)
+    first, second = (axes.get_title(loc="left") + axes.get_title() for axes in figure.axes[:2])
+    assert ("at rest" in first, "last seen" in first) == (True, False)
+    assert ("at rest" in second, "last seen" in second) == (False, True)
 
 
 def points_drawn(axes):

@@ -20,6 +20,7 @@ from cablecast.cli.options import (
     argument,
     load_lab,
     open_rig,
+    paper_targets,
     polar_text,
 )
 from cablecast.errors import InputError
@@ -102,16 +103,15 @@ class Aim(AimConfig, _Targets):
         )
         from cablecast.runs.progress import ignore
         from cablecast.tuning.tuned import load_tuned
-        from cablecast.workspace import load_targets
 
         if bool(self.target or self.target_xy) == self.paper_targets:
-            raise InputError("aim needs either --target R THETA, once or more, or --paper-targets")
+            raise InputError(
+                "aim needs either --target R THETA or --target-xy X Y, once or more, or "
+                "--paper-targets"
+            )
         setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
-        targets = self.targets(setup)
-        if self.paper_targets:
-            length = setup.cable.length
-            targets = setup.workspace.check_targets(load_targets(), cable_length=length)
+        targets = paper_targets(setup) if self.paper_targets else self.targets(setup)
         # The paper's errors are those of all its targets.
         config = dataclasses.replace(AimConfig.of(self), anyway=self.anyway or self.paper_targets)
         check_aim(config, out)
@@ -155,9 +155,9 @@ class Aim(AimConfig, _Targets):
             made = any(result.casts)
             evaluation = write_aim_report(result, rig, out / REPORT_FOLDER) if made else None
         if len(targets) < _MANY_TARGETS:
-            print_result(result)
+            print_result(result, len(outside))
         else:
-            print_tries(result)
+            print_tries(result, len(outside))
         if self.paper_targets and evaluation is not None:
             print_table(evaluation.metrics, published_rows(name))
         for line in outside:
@@ -268,8 +268,8 @@ def print_cast(cast: "Cast", session: "AimSession") -> None:
     print(f"  then    {change_text(cast, session)}")
 
 
-def print_result(result: "AimResult") -> None:
-    """Print one line per target."""
+def print_result(result: "AimResult", outside: int = 0) -> None:
+    """Print one line per target, and how many were hit of these and of others out of reach."""
     from cablecast.conventions import xy_to_polar
 
     tries = max((len(casts) for casts in result.casts), default=0)
@@ -291,13 +291,14 @@ def print_result(result: "AimResult") -> None:
         table.add_row(place, *cells, style=style)
         if stop:
             stopped.append(f"{place}: {_stop_words(len(casts))}: {stop}")
-    tables.print_table(table, f"{int(result.hit.sum())} of {len(result.casts)} targets were hit.")
+    count = len(result.casts) + outside
+    tables.print_table(table, f"{int(result.hit.sum())} of {count} targets were hit.")
     for line in stopped:
         print(line)
 
 
-def print_tries(result: "AimResult") -> None:
-    """Print the errors after each try."""
+def print_tries(result: "AimResult", outside: int = 0) -> None:
+    """Print the errors after each try, and how many targets were hit; some are out of reach."""
     from cablecast.report.tables import pct
 
     title = "Miss after each try, in % of cable length; no landing is a miss"
@@ -309,5 +310,6 @@ def print_tries(result: "AimResult") -> None:
     count = len(result.session.casts)
     tables.print_table(
         table,
-        f"{int(result.hit.sum())} of {len(result.casts)} targets were hit; {count} casts in all.",
+        f"{int(result.hit.sum())} of {len(result.casts) + outside} targets were hit; {count} casts "
+        "in all.",
     )

@@ -75,6 +75,12 @@ class Collect:
             dataset = collect(rig, **options, psi=self.psi, out=out, progress=progress)
         shares = ", ".join(f"{n} {code}" for code, n in dataset.status_counts.items())
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")
+        left = dataset.status_counts.get("off_table", 0)
+        if self.sampling != "spread" and 2 * left > len(dataset):
+            print(
+                "note: most casts left the table; --sampling spread draws such as stay on it in "
+                "simulation"
+            )
         return None
 
     def _dry_run(self, setup: "Setup", options: dict[str, Any]) -> int:

@@ -1,4 +1,4 @@
-"""`cablecast evaluate`: cast at the 32 targets and report the errors."""
+"""`cablecast evaluate`: cast at targets and report the errors."""
 
 import dataclasses
 import pathlib
@@ -6,7 +6,7 @@ import typing
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cablecast.cli.options import Device, Method, TimeLimit, argument
+from cablecast.cli.options import Device, Method, TargetOptions, TimeLimit, argument, paper_targets
 
 if TYPE_CHECKING:
     from cablecast.learning.policy import Policy
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Evaluate:
-    """Cast at the paper's 32 targets and measure the distance from target to landing.
+class Evaluate(TargetOptions):
+    """Cast at the paper's 32 targets, or at yours, and measure the distance from target to landing.
 
     Writes metrics.json, a table of every cast (trials.csv), a map of the landings (landings.png)
     and a report to open in a browser (report.html). One cast at each target takes about half a
@@ -71,11 +71,16 @@ class Evaluate:
         verb = "evaluate" if self.policy == "model" else f"evaluate-{self.policy}"
         verb += "-paper" * (self.method == "paper")
         out = self.out or cable_folder(cable.name) / rig_folder(verb, self.rig)
+        own = self.targets(policy.setup)
+        if not len(own):
+            paper_targets(policy.setup)
+        targets = own if len(own) else None
         check_evaluate(policy, repeats=self.repeats, device=self.device, out=out)
         with self._rig(policy, out) as rig, console_progress() as progress:
             options = picked(self, "repeats", "method", "device")
-            evaluation = evaluate(policy, rig, **options, out=out, progress=progress)
-        print_table(evaluation.metrics, published_rows(cable.name))
+            evaluation = evaluate(policy, rig, targets, **options, out=out, progress=progress)
+        # The paper's errors are those of its own targets.
+        print_table(evaluation.metrics, () if len(own) else published_rows(cable.name))
         print(f"metrics  {out / 'metrics.json'}\ncasts    {out / TRIALS_FILE}")
         print(f"report   {out / REPORT_FILE}")
 

@@ -54,4 +54,5 @@ class Film:
         with console_progress() as progress:
             write_film(self.out, collection.setup, shots, config, progress)
         size = self.out.stat().st_size
-        print(f"film     {self.out} ({len(shots)} casts, {size / 1e6:.2f} MB)")
+        count = f"{len(shots)} cast{'s' * (len(shots) != 1)}"
+        print(f"film     {self.out} ({count}, {size / 1e6:.2f} MB)")

@@ -8,7 +8,8 @@ import signal
 import sys
 import threading
 import typing
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from types import FrameType
 from typing import Annotated, Any, Union
 
@@ -126,7 +127,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     prepare_streams()
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        status = _run(arguments)
+        with _plain_warnings():
+            status = _run(arguments)
         sys.stdout.flush()
         return status
     except CablecastError as error:
@@ -195,6 +197,23 @@ def _refuse(text: str) -> int:
     """Say why in one line, whatever a library put into the message."""
     say(f"cablecast: {' '.join(text.split())}")
     return EXIT_BAD_INPUT
+
+
+@contextlib.contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Show a warning of ours as a line of its own, and one of a library as Python does."""
+    usual = warnings.formatwarning
+
+    def text(message: Warning | str, category: type[Warning], *place: Any) -> str:
+        if category is UserWarning:
+            return f"cablecast: note: {' '.join(str(message).split())}\n"
+        return usual(message, category, *place)
+
+    warnings.formatwarning = text
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
 
 
 def _with_notes(error: BaseException) -> str:

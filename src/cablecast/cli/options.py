@@ -87,6 +87,24 @@ class TargetOptions:
         return np.concatenate([np.zeros((0, 2)), *found])
 
 
+def paper_targets(setup: "Setup") -> "NDArray[np.float64]":
+    """Return the paper's 32 targets [m], shape [target, 2].
+
+    Raises:
+        TargetError: One is out of reach or off the table; says what to give instead.
+    """
+    from cablecast.errors import TargetError
+    from cablecast.workspace import load_targets
+
+    try:
+        return setup.workspace.check_targets(load_targets(), cable_length=setup.cable.length)
+    except TargetError as error:
+        raise TargetError(
+            f"the paper's targets do not fit this laboratory, give your own with --target R THETA: "
+            f"{error}"
+        ) from None
+
+
 LabFile = Annotated[
     pathlib.Path | None,
     argument("FILE", "the paper's set-up", "Lab file that describes cable, table, arm and motion."),

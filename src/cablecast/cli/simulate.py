@@ -52,8 +52,8 @@ class Simulate:
         from cablecast.cli.options import load_lab, picked
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.simulate import simulate
-        from cablecast.runs.places import DATASET_FOLDER, cable_folder
-        from cablecast.tuning.tuned import load_tuned
+        from cablecast.runs.places import DATASET_FOLDER, TUNE_FOLDER, cable_folder
+        from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
 
         setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
         out = self.out or cable_folder(setup.cable.name) / DATASET_FOLDER
@@ -65,3 +65,9 @@ class Simulate:
         counts = dataset.status_counts
         shares = ", ".join(f"{100 * n / len(dataset):.1f} % {code}" for code, n in counts.items())
         print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")
+        fitted = cable_folder(setup.cable.name) / TUNE_FOLDER
+        if tuned is None and (fitted / PARAMS_FILE).exists():
+            print(
+                "note: they have the values of the cable's file; for those that `cablecast tune` "
+                f"fitted, add --params {fitted} and another --out"
+            )

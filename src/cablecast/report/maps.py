@@ -286,8 +286,9 @@ def _draw_repeated(axes: "Axes", result: Repeatability) -> None:
     lost = sum(not len(action.landed_xy) for action in result.actions)
     if lost:
         text = f"{lost} of {len(result.actions)} actions never stayed on the table"
-        place = {"transform": axes.transAxes, "ha": "right"}
-        axes.text(0.99, 0.02, text, color=MUTED, fontsize=7.5, **place)
+        style: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "zorder": 6}
+        # On a narrow table it stands on the robot's base.
+        annotate(axes, text, (0.99, 0.02), (0, 0), color=MUTED, fontsize=7.5, halo=2.2, **style)
 
 
 @styled()
@@ -342,12 +343,15 @@ def reach_map(
     figure, axes = _reach_panel(setup)
     scale = color_scale("Blues", 0.0, 0.85, 100.0)
     x, y = (np.unique(places[:, axis]) for axis in (0, 1))
-    edges = [np.append(values - cell / 2, values[-1] + cell / 2) for values in (x, y)]
+    # The last squares are cut at the table's edge, or stretched to it.
+    far = setup.workspace.half_width, setup.workspace.y_max
+    edges = [np.append(values - cell / 2, end) for values, end in zip((x, y), far, strict=True)]
     share = 100.0 * chances.reshape(len(y), len(x))
     axes.pcolormesh(*edges, share, cmap=scale.cmap, norm=scale.norm, zorder=0.7, rasterized=True)
     rest = setup.workspace.reset_y + np.array([0.0, setup.cable.length])
     axes.plot([0.0, 0.0], rest, color=VERMILLION, linewidth=1.6, zorder=3)
-    annotate(axes, "cable after a reset", (0.0, rest.mean()), (5, 0), color=VERMILLION, fontsize=8)
+    style: dict[str, Any] = {"color": VERMILLION, "fontsize": 8, "halo": 2.2, "zorder": 5}
+    annotate(axes, "cable after a reset", (0.0, rest.mean()), (5, 0), **style)
     label = "believed cables whose casts reach a place [%]"
     draw_color_bar(figure, axes, scale, label, shrink=0.6, aspect=26, pad=0.01)
     return figure
@@ -395,7 +399,9 @@ def track_panels(
         axes.plot(*measured[-1], "o", color=VERMILLION, markersize=5, zorder=6)
         apart = np.linalg.norm(tuned_xy[trial, seen] - measured, axis=1)
         percent = 100.0 * apart / cable_length
-        axes.set_title(f"trial {trial}: mean {percent.mean():.1f} %, end {percent[-1]:.1f} %")
+        rests = np.isfinite(tracks.final_xy[trial]).all()
+        end = f"{'at rest' if rests else 'last seen'} {percent[-1]:.1f} %"
+        axes.set_title(f"trial {trial}: mean {percent.mean():.1f} %, {end}")
     entries: list[tuple[str, str, dict[str, Any]]] = [
         (f"{name} parameters", "-", {"color": color, "linewidth": 1.6})
         for name, _, color in simulated

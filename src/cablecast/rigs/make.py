@@ -114,7 +114,10 @@ def _find_factory(module_name: str, factory_name: str) -> Callable[..., Any]:
             # The module itself may be there and miss something that it imports.
             if error.name is None or not (module_name + ".").startswith(error.name + "."):
                 raise
-            raise RigError(f"there is no module {error.name!r} for the rig {module_name}") from None
+            raise RigError(
+                f"there is no module {error.name!r} for the rig {module_name}, neither in the "
+                "working directory nor installed"
+            ) from None
     factory = getattr(module, factory_name, None)
     if factory is None:
         raise RigError(f"rig module {module_name} has no factory {factory_name!r}")

@@ -55,8 +55,9 @@ def find_input(
         return folder
     default = cable_folder(cable_name) / name
     if not default.is_dir():
+        it = "them" if noun == "casts" else "it"
         raise error(
-            f"no {noun} of {cable_name} in {default}: make it with `cablecast {command}` and the "
-            f"same --setup or --cable, or name it with {option}"
+            f"no {noun} of {cable_name} in {default}: make {it} with `cablecast {command}` and "
+            f"the same --setup or --cable, or name {it} with {option}"
         )
     return default
