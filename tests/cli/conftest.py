@@ -38,7 +38,7 @@ class NotingRig(RigLifecycle):
         note("cast")
         if (FOLDER / "slow").exists():
             time.sleep(30.0)
-        times = np.array([0.0, 0.1])
+        times = np.array([0.0, trajectory.duration + 1.0])
         endpoint_xy = np.array([[0.0, 1.2], [0.3, 0.9]])
         return EndpointTrack(times=times, endpoint_xy=endpoint_xy, status=TrialStatus.OK)
 

@@ -46,7 +46,7 @@ class SlowRig(RigLifecycle):
             print(self.index, file=file)
         self.index += 1
         return EndpointTrack(
-            times=np.array([0.0, 0.1]),
+            times=np.array([0.0, trajectory.duration + 1.0]),
             endpoint_xy=np.stack([[0.0, 1.2], landed]),
             status=TrialStatus.OK,
         )

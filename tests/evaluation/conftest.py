@@ -43,7 +43,7 @@ class RigStub:
         index = self.calls.count("execute") - 1
         end = self.landings[index]
         return EndpointTrack(
-            times=np.array([0.0, 0.5]),
+            times=np.array([0.0, trajectory.duration + 1.0]),
             endpoint_xy=np.stack([[0.0, 1.2], end]),
             status=self.statuses[index],
         )

@@ -41,7 +41,7 @@ class ChanceRig:
         self.made.append(self.index)
         self.index += 1
         return EndpointTrack(
-            times=np.array([0.0, 0.5]),
+            times=np.array([0.5, trajectory.duration + 1.0]),
             endpoint_xy=rng.uniform(0.2, 0.4, size=(2, 2)),
             status=status,
             nodes=rng.normal(size=(2, 5, 3)),

@@ -49,7 +49,7 @@ class NormalRig(RigLifecycle):
         off = random.random() < 0.5 and theta > self.off_beyond
         self._next += 1
         return EndpointTrack(
-            times=np.array([0.0, 0.1]),
+            times=np.array([0.0, trajectory.duration + 1.0]),
             endpoint_xy=np.stack([np.array([0.0, 1.2]), xy]),
             status=TrialStatus.OFF_TABLE if off else TrialStatus.OK,
         )

@@ -9,10 +9,12 @@ import pytest
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.errors import InputError, RigError
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.measured import grip_path_from_joints
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.checked import (
     DESCRIPTION_SIZE_MAX,
     END_TIME_MAX,
+    REPORT_COUNT_MIN,
     SAMPLE_COUNT_MAX,
     check_description,
     check_picture,
@@ -44,6 +46,12 @@ def changed(track, **arrays):
 def with_joints(track, **arrays):
     """Return the same answer with another report of its joints."""
     return dataclasses.replace(track, joint_path=dataclasses.replace(track.joint_path, **arrays))
+
+
+def some_joints(track, chosen):
+    """Return the same answer with some of the reports of its joints."""
+    joints = track.joint_path
+    return with_joints(track, times=joints.times[chosen], q=joints.q[chosen], qd=joints.qd[chosen])
 
 
 def put(values, index, value):
@@ -127,6 +135,38 @@ ATTACKS = {
         lambda t: with_joints(t, times=np.full(len(t.joint_path.times), 1.0)),
         "1 s follows 1 s",
     ),
+    "a track cut short": (
+        lambda t: changed(t, times=t.times[:9], endpoint_xy=t.endpoint_xy[:9]),
+        "ends at 0.8 s, before its motion does at",
+    ),
+    "an end that still moves": (
+        lambda t: changed(t, endpoint_xy=put(t.endpoint_xy, slice(-3, -1), [0.2, 0.9])),
+        "m from 3.7 s to its last sample at 3.9 s",
+    ),
+    "numbers of frames": (
+        lambda t: changed(t, times=25.0 * t.times),
+        "from 10 s after the motion on",
+    ),
+    "x and y exchanged": (
+        lambda t: changed(t, endpoint_xy=t.endpoint_xy[:, ::-1]),
+        "begins at (1.200, 0.000) m, 1.71 m from (0.000, 1.220) m, where a reset leaves",
+    ),
+    "a marker that is none": (
+        lambda t: changed(t, endpoint_xy=np.tile([0.4, 0.9], (len(t.times), 1))),
+        "at most 0.2 m. Compare the axes, the marker and the reset",
+    ),
+    "x to the left": (
+        lambda t: changed(t, endpoint_xy=t.endpoint_xy * [-3.0, 1.0]),
+        "with this cable. Compare the axes",
+    ),
+    "joints too seldom reported": (
+        lambda t: some_joints(t, slice(None, None, 20)),
+        "times since the motion began: at least 16",
+    ),
+    "joints of the first half": (
+        lambda t: some_joints(t, slice(len(t.joint_path.times) // 2)),
+        "last 0.3 s at most; None stands for no report",
+    ),
     "joints of no kind": (lambda t: changed(t, joint_path=t.joint_path.q), "must be a JointPath"),
     "joints that are empty": (
         lambda t: with_joints(t, times=np.empty(0), q=np.empty((0, 6)), qd=np.empty((0, 6))),
@@ -152,9 +192,16 @@ PLAIN = {
     "never seen": lambda t: changed(
         t, endpoint_xy=np.full_like(t.endpoint_xy, np.nan), status=TrialStatus.OCCLUDED
     ),
-    "a long rest": lambda t: changed(t, times=t.times / t.times[-1] * END_TIME_MAX),
+    "a long rest": lambda t: changed(t, times=put(t.times, -1, END_TIME_MAX)),
+    "a start that was not seen": lambda t: changed(
+        t, endpoint_xy=put(t.endpoint_xy, slice(0, 5), np.nan)
+    ),
+    "a track that begins late": lambda t: changed(
+        t, times=t.times[5:], endpoint_xy=t.endpoint_xy[5:]
+    ),
+    "a crooked reset": lambda t: changed(t, endpoint_xy=put(t.endpoint_xy, 0, [0.15, 1.15])),
     "off the table": lambda t: changed(
-        t, endpoint_xy=t.endpoint_xy + [1.1, 0.0], status=TrialStatus.OFF_TABLE
+        t, endpoint_xy=t.endpoint_xy * [4.0, 1.0], status=TrialStatus.OFF_TABLE
     ),
     "a broken simulation": lambda t: changed(
         t, endpoint_xy=1e30 * t.endpoint_xy, status=TrialStatus.NON_FINITE
@@ -163,8 +210,12 @@ PLAIN = {
         t, endpoint_xy=put(t.endpoint_xy, -1, np.nan), status=TrialStatus.ABORTED
     ),
     "joints reported before the motion": lambda t: with_joints(t, times=t.joint_path.times - 0.05),
-    "joints seldom reported": lambda t: with_joints(
-        t, times=t.joint_path.times[::20], q=t.joint_path.q[::20], qd=t.joint_path.qd[::20]
+    "joints seldom reported": lambda t: some_joints(t, slice(None, None, 7)),
+    "a stop half-way": lambda t: changed(
+        some_joints(t, slice(9)),
+        times=t.times[:9],
+        endpoint_xy=t.endpoint_xy[:9],
+        status=TrialStatus.ABORTED,
     ),
 }
 
@@ -173,6 +224,14 @@ PLAIN = {
 def test_what_a_real_trial_can_give_is_taken(name, good, cast, setup):
     answer = PLAIN[name](good)
     assert check_track(answer, cast, setup) is answer
+
+
+def test_the_fewest_reports_that_are_taken_are_enough_for_a_fit(good, cast, setup):
+    count = len(good.joint_path.times)
+    chosen = np.linspace(0, count - 1, REPORT_COUNT_MIN).astype(int)
+    few = some_joints(good, chosen)
+    assert check_track(few, cast, setup) is few
+    assert np.isfinite(grip_path_from_joints(few.joint_path, setup.arm).duration).all()
 
 
 def test_joints_may_trail_their_set_points_by_as_much_as_a_slow_servo_does(good, cast, setup):
@@ -188,7 +247,7 @@ def test_a_motion_beyond_the_arm_widens_what_the_endpoint_may_reach(good, setup)
     there = Trajectory(action=None, grip_path=GripPath.hold(pose, 1.0), joint_path=None)
     far = changed(
         good,
-        endpoint_xy=np.full_like(good.endpoint_xy, 2.0),
+        endpoint_xy=put(np.full_like(good.endpoint_xy, 2.0), 0, np.nan),
         joint_path=None,
         status=TrialStatus.OFF_TABLE,
     )
@@ -196,7 +255,8 @@ def test_a_motion_beyond_the_arm_widens_what_the_endpoint_may_reach(good, setup)
 
 
 def test_a_larger_table_takes_landings_that_a_smaller_one_does_not(good, cast):
-    beside = changed(good, endpoint_xy=np.tile([0.4, -0.3], (len(good.times), 1)))
+    beside = changed(good, endpoint_xy=np.linspace([0.0, 1.2], [0.4, -0.3], len(good.times)))
+    beside = changed(beside, endpoint_xy=put(beside.endpoint_xy, slice(-6, None), [0.4, -0.3]))
     for near_y, fits in ((-0.5, True), (0.0, False)):
         setup = Setup(workspace=Workspace(table_near_y=near_y, table_depth=2.0))
         if fits:

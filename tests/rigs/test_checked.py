@@ -25,7 +25,9 @@ needs_timers = pytest.mark.skipif(
 
 def landing(x=0.4):
     times = 0.1 * np.arange(30)
-    return EndpointTrack(times=times, endpoint_xy=np.tile([x, 0.7], (30, 1)), status=TrialStatus.OK)
+    endpoint_xy = np.tile([x, 0.7], (30, 1))
+    endpoint_xy[:3] = [0.0, 1.2]
+    return EndpointTrack(times=times, endpoint_xy=endpoint_xy, status=TrialStatus.OK)
 
 
 class OddRig:

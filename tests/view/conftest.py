@@ -51,7 +51,7 @@ class OffsetRig(RigLifecycle):
         side = 1.0 if action[1] > 0 else -1.0
         landed = self.model.predict((action * [side, side, 1.0, side])[None])[0]
         landed = landed * [side, 1.0] + self.offset
-        times = np.array([0.0, 0.5, 1.0])
+        times = np.array([0.0, 2.0, 4.0])
         start = np.array([0.0, 1.2])
         endpoint_xy = np.stack([start, (start + landed) / 2, landed])
         nodes = np.zeros((3, 4, 3))
