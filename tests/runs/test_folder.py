@@ -201,6 +201,12 @@ def test_differences_name_nested_settings_and_absent_ones():
     ]
 
 
+def test_many_differences_are_counted():
+    there, here = ({str(key): {"x": value} for key in range(9)} for value in (1, 2))
+    phrases = settings_differences(there, here)
+    assert phrases[5:] == ["5.x is 1 there and 2 here", "and 3 others"]
+
+
 def test_settings_are_compared_as_json_stores_them():
     assert plain_settings({"grid": (1, 2), "a": {"b": None}}) == {"grid": [1, 2], "a": {"b": None}}
 

@@ -29,6 +29,9 @@ from cablecast.files import (
     write_json,
 )
 
+DIFFERENCES_SHOWN = 6
+"""Differences of settings that an error names; there may be dozens."""
+
 
 def plain_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings as JSON stores them: tuples become lists."""
@@ -48,9 +51,9 @@ def _plain(value: Any) -> Any:
 def settings_differences(
     stored: Mapping[str, Any], wanted: Mapping[str, Any], prefix: str = ""
 ) -> list[str]:
-    """Return a phrase for each setting in which two runs differ, with both values.
+    """Return a phrase for each of the first settings in which two runs differ, with both values.
 
-    The prefix is the path of nested settings, ending in a dot.
+    The prefix is the path of nested settings, ending in a dot. A last phrase counts the others.
 
     >>> settings_differences({"arm": {"model": "ur5"}}, {"arm": {"model": "ur5e"}})
     ["arm.model is 'ur5' there and 'ur5e' here"]
@@ -62,6 +65,9 @@ def settings_differences(
             phrases += settings_differences(there, here, f"{prefix}{key}.")
         elif there != here:
             phrases.append(f"{prefix}{key} is {_short(there)} there and {_short(here)} here")
+    if not prefix and len(phrases) > DIFFERENCES_SHOWN + 1:
+        others = len(phrases) - DIFFERENCES_SHOWN
+        return [*phrases[:DIFFERENCES_SHOWN], f"and {others} others"]
     return phrases
 
 
