@@ -82,6 +82,13 @@ def test_the_page_says_what_was_measured_and_that_no_robot_moved(page, make_eval
 
 
 @pytest.mark.usefixtures("blank_figures")
+def test_the_papers_errors_stand_beside_those_at_its_own_targets_only(make_evaluation):
+    evaluation = make_evaluation()
+    moved = dataclasses.replace(evaluation, target_xy=evaluation.target_xy + 0.01)
+    assert "paper, table II" not in page_of(moved)
+
+
+@pytest.mark.usefixtures("blank_figures")
 def test_the_page_of_a_real_rig_does_not_call_it_virtual(make_evaluation):
     evaluation = make_evaluation(rig={"serial": "UR5 no. 7"})
     settings = CONFIG["settings"] | {"rig": "my_lab:make_rig"}

@@ -22,6 +22,7 @@ from cablecast.report.tables import (
     paper_rows,
     pct,
 )
+from cablecast.workspace import load_targets
 
 SettingsLists = list[tuple[str, list[tuple[str, str]]]]
 """Titles and lines of the settings at the end of a page."""
@@ -68,7 +69,9 @@ def report_page(
     kind = evaluation.rig.get("rig", "")
     rig = kind or config["settings"].get("rig")
     rig_name = _RIG_NAMES.get(rig, rig) if isinstance(rig, str) else "rig"
-    published = published_rows(evaluation.cable.name)
+    # The paper's errors are those of its own targets.
+    is_paper = np.array_equal(evaluation.target_xy, load_targets())
+    published = published_rows(evaluation.cable.name) if is_paper else ()
     ours = [
         (f"{rig_name}, all targets", evaluation.summary),
         (f"{rig_name}, targets in coverage", evaluation.summary_inside_coverage),
