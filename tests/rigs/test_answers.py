@@ -139,26 +139,6 @@ ATTACKS = {
         lambda t: changed(t, times=t.times[:9], endpoint_xy=t.endpoint_xy[:9]),
         "ends at 0.8 s, before its motion does at",
     ),
-    "an end that still moves": (
-        lambda t: changed(t, endpoint_xy=put(t.endpoint_xy, slice(-3, -1), [0.2, 0.9])),
-        "m from 3.7 s to its last sample at 3.9 s",
-    ),
-    "numbers of frames": (
-        lambda t: changed(t, times=25.0 * t.times),
-        "from 10 s after the motion on",
-    ),
-    "x and y exchanged": (
-        lambda t: changed(t, endpoint_xy=t.endpoint_xy[:, ::-1]),
-        "begins at (1.200, 0.000) m, 1.71 m from (0.000, 1.220) m, where a reset leaves",
-    ),
-    "a marker that is none": (
-        lambda t: changed(t, endpoint_xy=np.tile([0.4, 0.9], (len(t.times), 1))),
-        "at most 0.2 m. Compare the axes, the marker and the reset",
-    ),
-    "x to the left": (
-        lambda t: changed(t, endpoint_xy=t.endpoint_xy * [-3.0, 1.0]),
-        "with this cable. Compare the axes",
-    ),
     "joints too seldom reported": (
         lambda t: some_joints(t, slice(None, None, 20)),
         "times since the motion began: at least 16",
