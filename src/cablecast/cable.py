@@ -26,7 +26,6 @@ from cablecast.errors import (
     check_name,
     check_number,
     check_ranges,
-    says_what_it_takes,
 )
 from cablecast.files import read_yaml, write_text
 
@@ -565,7 +564,6 @@ _PRESETS = {
 CABLE_NAMES = tuple(_PRESETS)
 
 
-@says_what_it_takes
 def load_cable(name_or_path: str | os.PathLike[str]) -> Cable:
     """Return a preset by name, or a cable from a YAML file.
 

@@ -193,68 +193,37 @@ def check_name(name: Any, what: str) -> str:
     return name
 
 
-# How to make what is expected, by its type, for whoever gives something else.
-_MAKERS = {
-    "Action": "Action(theta1, theta2, r2, psi) makes one, in radians and metres",
-    "CheckedRig": "make_rig(name, setup) makes one, of your own rig as well",
-    "Dataset": "read_dataset(folder) reads one, and collect(rig) and simulate(setup) return one",
-    "ForwardSearchPolicy": "ForwardSearchPolicy.load(folder) reads one, and train(casts) makes one",
-    "AimSession": "prepare_aim(rig) makes one",
-    "Arm": "ArmUR(model='ur5e') makes one",
-    "Cable": "load_cable(file) reads one",
-    "Policy": "ForwardSearchPolicy.load(folder) reads one, and train(casts) makes one",
-    "Setup": "load_setup(file) reads one, and Setup(cable='cable_1') makes one",
-    "Trajectory": "plan_trajectory(action, setup) makes one",
-    "Tuned": "load_tuned(folder, setup) reads one, and tune(casts) makes one",
-    "Workspace": "Workspace(table_width=1.6, table_depth=1.2) makes one",
-}
-
-
-def says_what_it_takes(target: T) -> T:
-    """Let a public function or class refuse an argument of another type, and say what makes one.
+def check_argument_types(verb: T) -> T:
+    """Let a verb refuse an argument of another type than it is annotated with.
 
     Arguments are checked that are annotated with classes of this package, paths, text, or None.
 
     Raises:
-        InputError: An argument is of another type; names it, both types, and what makes one.
+        InputError: An argument is of another type; names it and both types.
     """
-    function = target.__init__ if isinstance(target, type) else target
-    signature = inspect.signature(function)
+    plain = (str, os.PathLike, pathlib.Path, type(None))
+    parameters = inspect.signature(verb).parameters
     known: dict[str, tuple[type, ...]] = {}
-    for name, parameter in signature.parameters.items():
+    for name, parameter in parameters.items():
         hint = parameter.annotation
         kinds = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
         kinds = tuple(typing.get_origin(kind) or kind for kind in kinds)
-        if all(isinstance(kind, type) and _is_told(kind) for kind in kinds):
+        if all(kind in plain or kind.__module__.startswith("cablecast.") for kind in kinds):
             known[name] = kinds
 
-    @functools.wraps(function)
+    @functools.wraps(verb)
     def checked(*args: Any, **kwargs: Any) -> Any:
-        given = kwargs | dict(zip(signature.parameters, args, strict=False))
-        for name in known.keys() & given.keys():
-            if not isinstance(given[name], known[name]):
-                _refuse(target.__name__, name, given[name], known[name])
-        return function(*args, **kwargs)
+        given = kwargs | dict(zip(parameters, args, strict=False))
+        for name, kinds in known.items():
+            if name in given and not isinstance(value := given[name], kinds):
+                names = " or ".join(kind.__name__ for kind in kinds if kind is not type(None))
+                shown = f" {value!r:.40}" if isinstance(value, str | int | float | tuple) else ""
+                raise InputError(
+                    f"{verb.__name__}: {name} must be {names}, not {type(value).__name__}{shown}"
+                )
+        return verb(*args, **kwargs)
 
-    if not isinstance(target, type):
-        return typing.cast(T, checked)
-    setattr(target, "__init__", checked)  # noqa: B010
-    return typing.cast(T, target)
-
-
-def _is_told(kind: type) -> bool:
-    plain = (str, os.PathLike, pathlib.Path, type(None))
-    return kind in plain or kind.__module__.startswith("cablecast.")
-
-
-def _refuse(function: str, argument: str, value: object, kinds: tuple[type, ...]) -> None:
-    names = [kind.__name__ for kind in kinds if kind is not type(None)]
-    hint = next((f": {_MAKERS[name]}" for name in names if name in _MAKERS), "")
-    shown = f" {value!r:.40}" if isinstance(value, str | int | float | tuple | list) else ""
-    raise InputError(
-        f"{function}: {argument} must be {' or '.join(names)}, not "
-        f"{type(value).__name__}{shown}{hint}"
-    )
+    return typing.cast(T, checked)
 
 
 def check_keys(

@@ -22,7 +22,6 @@ from cablecast.errors import (
     UnknownNameError,
     check_keys,
     check_ranges,
-    says_what_it_takes,
 )
 from cablecast.files import parse_yaml, read_text, read_yaml, write_text
 from cablecast.workspace import R_MAX_BOUNDS, Workspace
@@ -83,7 +82,6 @@ class MotionConfig:
         )
 
 
-@says_what_it_takes
 @dataclasses.dataclass(frozen=True, kw_only=True, init=False)
 class Setup:
     """Set-up of a laboratory: cable, table, arm and motion settings.
@@ -284,7 +282,6 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
     return Workspace.from_dict(values)
 
 
-@says_what_it_takes
 def load_setup(path: str | os.PathLike[str], cable: Cable | None = None) -> Setup:
     """Return the set-up that a lab file describes.
 
@@ -310,7 +307,6 @@ def load_setup(path: str | os.PathLike[str], cable: Cable | None = None) -> Setu
         raise kind(text if str(path) in text else f"{path}: {text}") from None
 
 
-@says_what_it_takes
 def save_setup(setup: Setup, path: str | os.PathLike[str]) -> None:
     """Write a set-up as a lab file that `load_setup` reads."""
     text = yaml.safe_dump(setup.to_dict(), sort_keys=False, allow_unicode=True)

@@ -20,7 +20,7 @@ from cablecast.cast import HIT_CHANCE_MIN, Cast, EndpointTrack, Proposal, Region
 from cablecast.conventions import xy_to_polar
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
-from cablecast.errors import InputError, RigError, says_what_it_takes
+from cablecast.errors import InputError, RigError
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
@@ -111,7 +111,6 @@ LANDINGS_FILE = "landings.npz"
 """Simulated landings of the casts of a session, in its folder."""
 
 
-@says_what_it_takes
 class AimSession:
     """Aims at targets one after another, and corrects by every cast.
 
@@ -230,7 +229,6 @@ class AimSession:
         """Number of casts that the simulator was fitted to, without those taken back since."""
         return sum(self.model.has_fitted(*row) for row in self._counted())
 
-    @says_what_it_takes
     def add_casts(self, casts: Dataset) -> int:
         """Take in casts that were made for something else, and return how many are new.
 
@@ -405,7 +403,6 @@ class AimSession:
         if hasattr(rig, "sight"):
             self.sight = rig.sight()
 
-    @says_what_it_takes
     def observe(self, proposal: Proposal, track: EndpointTrack) -> Cast:
         """Take in a proposed cast that was made, and what the rig saw of it.
 

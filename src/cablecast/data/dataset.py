@@ -25,7 +25,7 @@ from cablecast.data.schema import (
     shard_path,
 )
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import CablecastError, DatasetError, InputError, says_what_it_takes
+from cablecast.errors import CablecastError, DatasetError, InputError
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath
@@ -326,7 +326,6 @@ class StoredSettings:
             ) from None
 
 
-@says_what_it_takes
 def read_dataset(path: str | pathlib.Path) -> Dataset:
     """Read a finished dataset.
 

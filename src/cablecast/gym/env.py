@@ -22,7 +22,6 @@ from cablecast.errors import (
     check_choice,
     check_count,
     check_number,
-    says_what_it_takes,
 )
 from cablecast.gym.picture import picture
 from cablecast.motion.action import (
@@ -382,7 +381,6 @@ class _Casts:
             self.rig.close()
 
 
-@says_what_it_takes
 class CastEnv(gymnasium.Env):
     """One cast per episode: an action, and minus the miss in % of cable length as reward.
 
@@ -433,7 +431,6 @@ class CastEnv(gymnasium.Env):
         self._casts.close()
 
 
-@says_what_it_takes
 class CastVectorEnv(gymnasium.vector.VectorEnv):
     """Many casts at once: a step is one batch of the engine, and ends every episode.
 

@@ -24,7 +24,6 @@ from cablecast.errors import (
     UnreadableFileError,
     check_keys,
     check_number,
-    says_what_it_takes,
 )
 from cablecast.files import read_bytes, write_bytes
 from cablecast.learning.checkpoint import read_checkpoint
@@ -632,7 +631,6 @@ class PaperPolicy(ForwardSearchPolicy):
         return chosen, self.actions[chosen], self.predicted_xy[chosen]
 
 
-@says_what_it_takes
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PolarCastingPolicy:
     """Policy that plans by geometry alone: nothing is learned or simulated.

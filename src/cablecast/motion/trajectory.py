@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.errors import IKError, InputError, JointLimitError, says_what_it_takes
+from cablecast.errors import IKError, InputError, JointLimitError
 from cablecast.motion.action import Action
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import JOINT_LIMIT_KINDS, check_grip_paths
@@ -77,7 +77,6 @@ def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:
     return JointPath(times=times, q=motion.q, qd=motion.qd)
 
 
-@says_what_it_takes
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trajectory:
     """One planned motion for a rig to execute.
@@ -102,7 +101,6 @@ class Trajectory:
         return float(self.grip_path.duration[0])
 
 
-@says_what_it_takes
 def plan_trajectory(action: Action, setup: Setup) -> Trajectory:
     """Plan the motion of an action down to joint set points.
 

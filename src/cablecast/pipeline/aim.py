@@ -20,7 +20,7 @@ from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
 from cablecast.engines import make_engine
-from cablecast.errors import SEED_MAX, CablecastError, InputError, says_what_it_takes
+from cablecast.errors import SEED_MAX, CablecastError, InputError, check_argument_types
 from cablecast.evaluation.evaluate import (
     Evaluation,
     evaluation_metrics,
@@ -145,7 +145,7 @@ def _check_machine(config: AimConfig, *modules: str) -> None:
     check_device(config.device)
 
 
-@says_what_it_takes
+@check_argument_types
 def prepare_aim(
     rig: CheckedRig,
     config: AimConfig | None = None,
@@ -437,7 +437,7 @@ class _Learning:
         return FittedModel(policy=policy.in_lab(self.setup), tuned=tuned, **facts)
 
 
-@says_what_it_takes
+@check_argument_types
 def aim(
     session: AimSession | ForwardSearchPolicy,
     rig: CheckedRig,

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cablecast.conventions import Array, mirror_xy, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import SEED_MAX, InputError, check_seed, says_what_it_takes
+from cablecast.errors import SEED_MAX, InputError, check_argument_types, check_seed
 from cablecast.evaluation.coverage import R0_CHOICES
 from cablecast.files import write_bytes
 from cablecast.motion.casting import cast_grip_paths
@@ -212,7 +212,7 @@ def remedy(changes: tuple[Change, ...]) -> str:
     return f"Simulated casts reach more with {'; '.join(str(change) for change in changes)}"
 
 
-@says_what_it_takes
+@check_argument_types
 def check(
     setup: Setup,
     *,

@@ -18,7 +18,7 @@ from cablecast.data.record import (
 from cablecast.data.schema import INFO_PATH
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import DatasetError, InputError, check_count, check_seed, says_what_it_takes
+from cablecast.errors import DatasetError, InputError, check_argument_types, check_count, check_seed
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_ranges
 from cablecast.pipeline.check import check
@@ -36,7 +36,7 @@ SAMPLINGS: dict[str, Sampling] = {"tune": "uniform", "real": "grid"}
 """Choice of actions by purpose, as in the paper."""
 
 
-@says_what_it_takes
+@check_argument_types
 def collect(
     rig: CheckedRig,
     *,

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from cablecast.data.record import REPEAT_MAX
 from cablecast.engines import engine_name, make_engine
-from cablecast.errors import InputError, check_count, says_what_it_takes
+from cablecast.errors import InputError, check_argument_types, check_count
 from cablecast.evaluation.evaluate import (
     Evaluation,
     evaluate_policy,
@@ -36,7 +36,7 @@ REPORT_FILE = "report.html"
 CASTS_FOLDER = "casts"
 
 
-@says_what_it_takes
+@check_argument_types
 def evaluate(
     policy: Policy,
     rig: CheckedRig,

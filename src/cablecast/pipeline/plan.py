@@ -5,7 +5,7 @@ import pathlib
 
 from numpy.typing import ArrayLike
 
-from cablecast.errors import InputError, says_what_it_takes
+from cablecast.errors import InputError, check_argument_types
 from cablecast.files import remove_leftovers, write_text
 from cablecast.learning.policy import ForwardSearchPolicy, Plan, PlanMethod, Policy
 from cablecast.motion.trajectory import JointPath
@@ -13,7 +13,7 @@ from cablecast.runs.folder import settings_differences
 from cablecast.setup import Setup
 
 
-@says_what_it_takes
+@check_argument_types
 def plan_motion(
     policy: Policy,
     *,
@@ -42,7 +42,6 @@ def plan_motion(
     return plan
 
 
-@says_what_it_takes
 def save_motion(
     plan: Plan, path: str | os.PathLike[str], setup: Setup, *, force: bool = False
 ) -> None:

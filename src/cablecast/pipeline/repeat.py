@@ -17,9 +17,9 @@ from cablecast.errors import (
     DamagedFileError,
     DatasetError,
     InputError,
+    check_argument_types,
     check_count,
     check_seed,
-    says_what_it_takes,
 )
 from cablecast.evaluation.repeatability import (
     REPEAT_COUNT,
@@ -68,7 +68,7 @@ class Repeated:
     metrics: dict[str, Any]
 
 
-@says_what_it_takes
+@check_argument_types
 def repeat(
     rig: CheckedRig,
     *,

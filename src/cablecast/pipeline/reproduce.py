@@ -12,7 +12,7 @@ import numpy as np
 from cablecast.data.dataset import read_dataset
 from cablecast.engines import EngineName, make_engine
 from cablecast.engines.base import engine_settings
-from cablecast.errors import InputError, check_seed, says_what_it_takes
+from cablecast.errors import InputError, check_argument_types, check_seed
 from cablecast.evaluation.published import BEST_METHOD
 from cablecast.files import write_text
 from cablecast.learning.checkpoint import check_device
@@ -151,7 +151,7 @@ class Reproduced:
         return BEST_METHOD in medians and all(medians[BEST_METHOD] < other for other in others)
 
 
-@says_what_it_takes
+@check_argument_types
 def reproduce(
     out: str | os.PathLike[str],
     *,

@@ -8,7 +8,7 @@ from cablecast.cable import Cable, CableParams
 from cablecast.engines import EngineName, make_engine
 from cablecast.engines.base import Engine, engine_settings
 from cablecast.engines.spread import spread
-from cablecast.errors import InputError, check_count, check_number, says_what_it_takes
+from cablecast.errors import InputError, check_argument_types, check_count, check_number
 from cablecast.evaluation.coverage import (
     R0_CHOICES,
     SCATTER_BOUNDS,
@@ -46,7 +46,7 @@ class Selection:
     metrics: dict[str, Any]
 
 
-@says_what_it_takes
+@check_argument_types
 def select(
     setup: Setup,
     tuned: Tuned | CableParams | None = None,

@@ -8,7 +8,7 @@ from cablecast.cable import CableParams
 from cablecast.data.dataset import Dataset
 from cablecast.data.simulate import SIMULATED_COUNT, simulate_dataset
 from cablecast.engines import EngineName, make_engine
-from cablecast.errors import says_what_it_takes
+from cablecast.errors import check_argument_types
 from cablecast.motion.feasibility import feasible_ranges
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import record_run
@@ -18,7 +18,7 @@ from cablecast.setup import Setup
 from cablecast.tuning.tuned import Tuned
 
 
-@says_what_it_takes
+@check_argument_types
 def simulate(
     setup: Setup,
     tuned: Tuned | CableParams | None = None,

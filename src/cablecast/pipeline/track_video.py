@@ -16,7 +16,7 @@ from cablecast.camera.lens import VIEW_BOUNDS_DEG
 from cablecast.camera.settings import CameraSettings
 from cablecast.camera.tags import TagLayout
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.errors import DamagedFileError, InputError, check_number, says_what_it_takes
+from cablecast.errors import DamagedFileError, InputError, check_argument_types, check_number
 from cablecast.files import read_csv, write_bytes, write_csv
 from cablecast.pipeline.camera import film_offset, read_log
 from cablecast.pipeline.places import folder_or_temporary
@@ -136,7 +136,7 @@ class VideoTrack:
     metrics: dict[str, Any]
 
 
-@says_what_it_takes
+@check_argument_types
 def track_video(
     video: str | os.PathLike[str],
     setup: Setup,

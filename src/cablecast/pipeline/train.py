@@ -11,9 +11,9 @@ from cablecast.errors import (
     CheckpointError,
     InputError,
     MissingExtraError,
+    check_argument_types,
     check_count,
     check_seed,
-    says_what_it_takes,
 )
 from cablecast.files import write_bytes, write_text
 from cablecast.learning.card import model_card
@@ -43,7 +43,7 @@ CARD_FILE = "MODELCARD.md"
 CURVE_FILE = "learning_curve.png"
 
 
-@says_what_it_takes
+@check_argument_types
 def train(
     simulated: Dataset | None = None,
     real: Dataset | None = None,

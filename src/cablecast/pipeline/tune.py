@@ -10,7 +10,7 @@ from cablecast.engines import EngineName, make_engine
 from cablecast.engines.base import Engine, engine_settings
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import spread
-from cablecast.errors import InputError, says_what_it_takes
+from cablecast.errors import InputError, check_argument_types
 from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.report.maps import spread_choice, track_panels
@@ -40,7 +40,7 @@ all are fitted to, and the result is measured on the same casts."""
 PathSource = typing.Literal["auto", "commanded", "measured"]
 
 
-@says_what_it_takes
+@check_argument_types
 def tune(
     casts: Dataset,
     *,

@@ -27,7 +27,6 @@ from cablecast.errors import (
     StoppedError,
     check_count,
     check_number,
-    says_what_it_takes,
 )
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at
 from cablecast.rigs.base import Rig, RigLifecycle, error_line, foreign_code, purpose_seed
@@ -134,7 +133,6 @@ class CheckedRig(RigLifecycle):
         self._call("reset", self.rig.reset)
         self._is_reset = True
 
-    @says_what_it_takes
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Play one motion from the reset state, and report where the endpoint went.
 

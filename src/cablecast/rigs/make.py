@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from cablecast.errors import RigError, check_seed, says_what_it_takes
+from cablecast.errors import RigError, check_seed
 from cablecast.rigs.base import Rig, foreign_code
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts, takes
 from cablecast.setup import Setup
@@ -23,7 +23,6 @@ RigFactory = Callable[[Setup, int], Rig]
 """Makes a rig for a set-up and a seed."""
 
 
-@says_what_it_takes
 def make_rig(
     spec: str | Rig | RigFactory,
     setup: Setup,

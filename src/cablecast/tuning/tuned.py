@@ -13,7 +13,7 @@ from cablecast.conventions import finite_or_none
 from cablecast.engines import make_engine
 from cablecast.engines.base import Engine, Rollout
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import DamagedFileError, InputError, check_name, says_what_it_takes
+from cablecast.errors import DamagedFileError, InputError, check_name
 from cablecast.files import CHECKSUM_KEY, read_json, read_sealed, seal, write_json
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
@@ -27,7 +27,6 @@ from cablecast.tuning.tune import TuneResult
 PARAMS_FILE = "params.json"
 
 
-@says_what_it_takes
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tuned:
     """A simulator that follows the real cable as well as was found.
@@ -116,7 +115,6 @@ class Tuned:
         return value
 
 
-@says_what_it_takes
 def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
     """Return what `cablecast tune` left in a folder or in its params.json, or a person wrote.
 

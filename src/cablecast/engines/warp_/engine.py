@@ -34,7 +34,7 @@ from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
 from cablecast.engines.warp_.material import lag_ratios, rest_bends
 from cablecast.engines.warp_.rollout import rollout_kernel
 from cablecast.engines.warp_.world import Features
-from cablecast.errors import InputError, check_count, says_what_it_takes
+from cablecast.errors import InputError, check_count
 from cablecast.files import core_count
 from cablecast.motion.grip_path import GripPath
 
@@ -57,7 +57,6 @@ MODEL_VERSION = 7
 dataset, so that casts of one model are never continued with those of another."""
 
 
-@says_what_it_takes
 class EngineWarp:
     """The fast engine: an inextensible elastic rod with Coulomb friction, all worlds in one launch.
 
@@ -135,7 +134,6 @@ class EngineWarp:
             interleaved=self._interleaved,
         )
 
-    @says_what_it_takes
     def rollout(
         self,
         cable: Cable | Sequence[Cable],
