@@ -3,7 +3,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cablecast.conventions import Ellipse, mirror_xy, polar_to_xy, side_of, tangent, xy_to_polar
+from cablecast.conventions import (
+    STREAMS,
+    Ellipse,
+    mirror_xy,
+    polar_to_xy,
+    side_of,
+    stream,
+    tangent,
+    xy_to_polar,
+)
 
 # A few operations on doubles of order one.
 EXACT = 1e-12
@@ -57,3 +66,17 @@ def test_the_outline_of_an_ellipse_lies_at_its_distance_and_its_longer_axis_come
     offset = ellipse.outline() - [0.2, 0.9]
     np.testing.assert_allclose(np.sum(offset @ np.linalg.inv(covariance) * offset, axis=1), 4.0)
     np.testing.assert_allclose(offset[0], offset[-1], atol=EXACT)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**32 - 1])
+def test_a_stream_is_that_of_its_number_and_its_seed(seed):
+    for name, number in STREAMS.items():
+        drawn = stream(seed, name).integers(2**32, size=4)
+        wanted = np.random.default_rng([seed, number] if number else seed)
+        np.testing.assert_array_equal(drawn, wanted.integers(2**32, size=4))
+
+
+def test_streams_that_share_a_number_are_known():
+    numbers = list(STREAMS.values())
+    shared = {name for name, number in STREAMS.items() if numbers.count(number) > 1}
+    assert {number for name, number in STREAMS.items() if name in shared} == {0, 1, 3}

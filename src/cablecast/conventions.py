@@ -1,4 +1,5 @@
-"""Frames, polar coordinates, the mirror about the workspace axis, ellipses, and gravity.
+"""Frames, polar coordinates, the mirror about the workspace axis, ellipses, gravity, and
+the register of random streams.
 
 The robot base is at (0, 0); y points away from the robot over the table, x to the right, z up, and
 the table's surface is z = 0. theta is measured from the y axis, positive to the right (clockwise
@@ -15,6 +16,32 @@ Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 """Gravitational acceleration [m/s²]."""
+
+STREAMS: dict[str, int] = {
+    "encoders of the twin": 79,
+    "epochs": 2,
+    "evolution": 0,
+    "feasible actions": 0,
+    "feasible grid": 0,
+    "folds": 7,
+    "Gaussian process": 3,
+    "check": 3,
+    "held-out casts": 0,
+    "order of a grid": 1,
+    "poses of an arm": 0,
+    "posterior": 13,
+    "prior": 11,
+    "spread casts": 0,
+    "suggested targets": 0,
+    "weights": 1,
+}
+"""Number of each random stream. Streams of one number and one seed draw the same chances, for
+different purposes; a new stream takes a new number."""
+
+
+def stream(seed: int, name: str, index: int = 0) -> np.random.Generator:
+    """Return the random stream of a seed for one purpose of `STREAMS`, or the index-th of it."""
+    return np.random.default_rng([seed, STREAMS[name] + index])
 
 
 def polar_to_xy(polar: ArrayLike) -> Array:

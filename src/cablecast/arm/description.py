@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cablecast.arm.base import Arm, JointLimits
 from cablecast.arm.serial import ArmSerial
 from cablecast.arm.ur import ArmUR
+from cablecast.conventions import stream
 from cablecast.errors import (
     InputError,
     MissingExtraError,
@@ -386,7 +387,7 @@ def _accelerations(
                 gear = abs(model.actuator_gear[actuator, 0])
                 torque[at] = gear * model.actuator_forcerange[actuator, 1]
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    mass, rng = np.zeros((model.nv, model.nv)), np.random.default_rng(0)
+    mass, rng = np.zeros((model.nv, model.nv)), stream(0, "poses of an arm")
     found = np.empty((_POSE_COUNT, len(dofs)))
     for pose in found:
         data.qpos[model.jnt_qposadr[joints]] = rng.uniform(low, high)

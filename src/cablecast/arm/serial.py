@@ -32,6 +32,7 @@ from cablecast.arm.base import (
     rod_ends,
 )
 from cablecast.arm.shape import self_gaps
+from cablecast.conventions import stream
 from cablecast.errors import IKError, InputError, check_keys, check_name, check_number
 
 JOINT_COUNT_MIN, JOINT_COUNT_MAX = 5, 12
@@ -41,7 +42,6 @@ JOINT_COUNT_MIN, JOINT_COUNT_MAX = 5, 12
 _RADIUS_NODES, _TURN_NODES, _TURN_MAX = 97, 61, 3.4
 # Random postures from which the search for a branch starts, and those that it follows.
 _START_COUNT, _BRANCH_MAX = 256, 16
-_SEED = 0
 _ALMOST = 0.75
 # Steps outwards and inwards in the search for the reach [m]; its ends are found to _REACH_GAP.
 _STEP, _REACH_GAP = 0.01, 1e-4
@@ -485,7 +485,7 @@ class _Solver:
         Raises:
             IKError: There is none.
         """
-        limits, rng = self.arm.limits, np.random.default_rng(_SEED)
+        limits, rng = self.arm.limits, stream(0, "poses of an arm")
         spread = np.minimum(limits.position, np.pi)
         q = limits.middle + spread * rng.uniform(-1.0, 1.0, (_START_COUNT, self.arm.joint_count))
         if self.arm.posture is not None:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
-from cablecast.conventions import Array
+from cablecast.conventions import Array, stream
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.simulate import actions_digest
 from cablecast.data.store import cast_row
@@ -350,4 +350,4 @@ def sample_actions(
         return feasible_uniform(count, setup, ranges, seed)
     actions = feasible_grid(count, setup, ranges, seed)
     # Shuffled, so that a rig that drifts does not make its drift look like an effect of an action.
-    return np.random.default_rng([seed, 1]).permutation(actions)
+    return stream(seed, "order of a grid").permutation(actions)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.conventions import stream
 from cablecast.data.dataset import Dataset
 from cablecast.errors import InputError, check_count, check_number
 from cablecast.files import library_versions
@@ -141,7 +142,7 @@ def train_gaussian_process(
     config = config or GaussianProcessConfig()
     rows = known_endpoint_rows(dataset)
     start = time.monotonic()
-    generator = np.random.default_rng([seed, 3])
+    generator = stream(seed, "Gaussian process")
     order = generator.permutation(rows)
     held_out_count = max(1, round(config.held_out_fraction * len(rows)))
     held_out, training = order[:held_out_count], np.sort(order[held_out_count:])

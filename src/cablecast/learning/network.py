@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.conventions import stream
 from cablecast.data.dataset import Dataset
 from cablecast.errors import InputError, check_count, check_number
 from cablecast.files import library_versions
@@ -171,7 +172,7 @@ def initial_weights(config: TrainingConfig, seed: int) -> Weights:
         config: Widths of the layers.
         seed: Seed of the weights, which are the same on any machine and device.
     """
-    generator = np.random.default_rng([seed, 1])
+    generator = stream(seed, "weights")
     widths = [FEATURE_COUNT, *[config.hidden_width] * config.hidden_count, 2]
     layers = []
     for fan_in, fan_out in itertools.pairwise(widths):
@@ -246,7 +247,7 @@ def fit_network(
         pct_start=_RISE_FRACTION,
         final_div_factor=_FINAL_DIVISOR,
     )
-    shuffle = np.random.default_rng([seed, 2])
+    shuffle = stream(seed, "epochs")
     best, best_loss, best_epoch = None, np.inf, 0
     curve: Curve = []
     for epoch in range(1, config.epochs + 1):
@@ -319,7 +320,7 @@ def train_forward_model(
     """
     config = config or TrainingConfig()
     rows = known_endpoint_rows(dataset)
-    order = rows[np.random.default_rng(seed).permutation(len(rows))]
+    order = rows[stream(seed, "held-out casts").permutation(len(rows))]
     held_out_count = max(1, round(config.held_out_fraction * len(order)))
     held_out, training = order[:held_out_count], order[held_out_count:]
     actions, endpoint_xy = dataset.actions, dataset.endpoint_xy
@@ -462,7 +463,7 @@ def real_rows(real: Dataset) -> Rows:
 
 def folds(count: int, seed: int) -> Iterator[tuple[Rows, Rows]]:
     """Yield the rows to train on and the held-out rows of each fold of `count` rows."""
-    order = np.random.default_rng([seed, 7]).permutation(count)
+    order = stream(seed, "folds").permutation(count)
     for held_out in np.array_split(order, FOLD_COUNT):
         yield np.setdiff1d(order, held_out), held_out
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import Arm, JointMotion, LimitKind
+from cablecast.conventions import stream
 from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import (
     PSI_MAX,
@@ -336,7 +337,7 @@ def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDA
         if len(actions) >= count:
             break
         size = max(1.02 * size * count / max(len(actions), 1), len(grid) + 1.0)
-    chosen = np.random.default_rng(seed).choice(len(actions), count, replace=False)
+    chosen = stream(seed, "feasible grid").choice(len(actions), count, replace=False)
     return actions[np.sort(chosen)]
 
 
@@ -361,7 +362,7 @@ def feasible_uniform(
     check_seed(seed)
     ranges = ranges or feasible_ranges(setup)
     bounds = ranges.to_array()
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "feasible actions")
     chosen = np.empty((0, 4))
     for draw in itertools.count():
         actions = rng.uniform(bounds[:, 0], bounds[:, 1], size=(_UNIFORM_DRAWS, 4))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cablecast.conventions import Array, mirror_xy, xy_to_polar
+from cablecast.conventions import Array, mirror_xy, stream, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import SEED_MAX, InputError, check_argument_types, check_seed
@@ -292,7 +292,7 @@ def _draw(setup: Setup, count: int, seed: int) -> tuple[Array, Feasibility]:
         InputError: It can follow none; the error names the limit.
     """
     box = widest_ranges(setup).to_array()
-    drawn = np.random.default_rng([seed, 3]).uniform(box[:, 0], box[:, 1], (_DRAWS * count, 4))
+    drawn = stream(seed, "check").uniform(box[:, 0], box[:, 1], (_DRAWS * count, 4))
     drawn[:, 3] += drawn[:, 1]
     found = check_actions(drawn, setup)
     actions = drawn[found.mask][:count]

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.conventions import stream
 from cablecast.errors import (
     DamagedFileError,
     InputError,
@@ -57,7 +58,7 @@ class SearchDE:
 
     def __init__(self, start: NDArray[np.float64], population_size: int, seed: int):
         check_count("population_size", population_size, POPULATION_MIN, POPULATION_MAX)
-        self._rng = rng = np.random.default_rng(check_seed(seed))
+        self._rng = rng = stream(check_seed(seed), "evolution")
         self.population = latin_hypercube(population_size, len(start), rng)
         self.population[0] = start
         self.losses = np.full(population_size, np.inf)

@@ -30,6 +30,7 @@ from cablecast.cable import (
     Cable,
     CableParams,
 )
+from cablecast.conventions import stream
 from cablecast.errors import InputError, check_count, check_number, check_seed
 
 YIELD_TIME = 0.4
@@ -277,7 +278,7 @@ class ParamPrior:
 
     def draw(self, count: int, seed: int) -> NDArray[np.float64]:
         """Draw points in the unit cube, shape [count, name]; the first one is the mean."""
-        rng = np.random.default_rng([seed, 11])
+        rng = stream(seed, "prior")
         points = self.mean + self.deviation * rng.normal(size=(count, len(self.mean)))
         points[0] = self.mean
         return np.clip(points, 0.0, 1.0)
@@ -346,7 +347,7 @@ class ParamPosterior:
     def draw(self, count: int, seed: int = 0) -> CableParams:
         """Draw a number of sets of parameters; the first one is the most likely."""
         check_count("count", count)
-        rng = np.random.default_rng([check_seed(seed), 13])
+        rng = stream(check_seed(seed), "posterior")
         factor = np.linalg.cholesky(self.covariance)
         points = self.mean + rng.normal(size=(count, len(self.mean))) @ factor.T
         points[0] = self.mean

@@ -10,6 +10,7 @@ simulated free end stays on the table.
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.conventions import stream
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError, check_seed
@@ -89,7 +90,7 @@ def _middles(points: NDArray[np.float64], count: int, seed: int) -> NDArray[np.f
 
     best, least = points[:count], np.inf
     for start in range(_STARTS):
-        rng = np.random.default_rng([seed, start])
+        rng = stream(seed, "spread casts", start)
         first = points[rng.choice(len(points), count, replace=False)]
         middles, part = kmeans2(points, first, iter=_ROUNDS, minit="matrix", missing="warn")
         cost = float(np.sum((points - middles[part]) ** 2))

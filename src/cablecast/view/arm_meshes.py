@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cablecast.arm.base import Arm
 from cablecast.arm.ur import ArmUR
+from cablecast.conventions import stream
 from cablecast.errors import InputError, MissingExtraError
 from cablecast.view.shapes import Array, Color
 
@@ -102,7 +103,7 @@ class ArmMeshes:
         """Find how the file stands to the base frame, and refuse the file of another arm."""
         from scipy.spatial.transform import Rotation
 
-        rng = np.random.default_rng(0)
+        rng = stream(0, "poses of an arm")
         q = rng.uniform(-2.0, 2.0, (_POSE_COUNT, arm.joint_count))
         frames = arm.frames(q)
         ours = np.stack([T[..., :3, 3] for T in frames[-3:-1]], axis=1).reshape(-1, 3)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.session import AimSession
 from cablecast.cast import Cast, Proposal
+from cablecast.conventions import stream
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
@@ -90,7 +91,7 @@ class Desk:
         self._lock = threading.RLock()
         self._casting = False
         # Of targets that are suggested.
-        self._rng = np.random.default_rng(0)
+        self._rng = stream(0, "suggested targets")
 
     @property
     def phase(self) -> Phase:

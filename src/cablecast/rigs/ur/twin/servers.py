@@ -17,8 +17,7 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
+from cablecast.conventions import stream
 from cablecast.errors import InputError
 from cablecast.rigs.ur.rtde import (
     DATA_PACKAGE,
@@ -239,7 +238,7 @@ class RtdeServer:
         self.heard = heard
         self.lost_until = -1.0
         self.late_until = -1.0
-        self._rng = np.random.default_rng([seed, 79])
+        self._rng = stream(seed, "encoders of the twin")
         self._late: collections.deque[tuple[float, Client, bytes]] = collections.deque()
         self._tick = 0
 
