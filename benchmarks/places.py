@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 import pathlib
 import runpy
 import time
@@ -20,7 +19,6 @@ from benchmarks.strange_rig import (
     other_params,
     world_draws,
 )
-from cablecast.cast import RegionLaw
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError
@@ -175,15 +173,10 @@ def aimed_misses(
             session.predictor = dataclasses.replace(session.predictor, experience=experience)
         proposal = session.propose(target)
         cast = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
-        share = region_share(proposal.law, cast.square)
+        share = proposal.expected.law.probability(cast.square)
         rows["miss_pct"].append(_counted(cast.miss_pct))
         rows["share"].append(share if np.isfinite(share) else None)
     return rows
-
-
-def region_share(law: RegionLaw, square: float) -> float:
-    """Return the probability of landings within a squared distance [-], the inverse of `square`."""
-    return -math.expm1(-0.5 * law.freedom * math.log1p(square / (law.freedom - 2.0)))
 
 
 def _counted(miss_pct: float) -> float:

@@ -68,7 +68,7 @@ def cast_again(place: Place, args: ScatterArgs) -> list[dict[str, Any]]:
             landings = np.array(equal_casts(luck, proposal.trajectory, args.repeats)) / length
             row = {
                 "landings": [xy.tolist() if np.isfinite(xy).all() else None for xy in landings],
-                "stated": proposal.scatter / length,
+                "stated": proposal.expected.scatter / length,
                 "simulated": (found.landing_xy[0] * (side[0], 1.0) / length).tolist(),
                 "sensitivity": float(predictor.beliefs.sensitivities(action)[0]),
                 "friction": float(found.frictions[0]),

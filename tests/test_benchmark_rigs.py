@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from benchmarks import strange_rig
 from benchmarks.capsule_chain import CapsuleChain
-from benchmarks.places import RIGS, Luck, equal_casts, open_rig, region_share
+from benchmarks.places import RIGS, Luck, equal_casts, open_rig
 from benchmarks.scatter import STILL, after_correction, linear, stencils
 from benchmarks.strange_rig import StrangeRig
 
 import cablecast as cc
-from cablecast.cast import RegionLaw
 from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import plan_trajectory
@@ -56,9 +55,3 @@ def test_uneven_friction_changes_how_a_landing_follows_the_action():
     for smooth, rough in known:
         assert after_correction(smooth, smooth) == pytest.approx((0.0, 0.0), abs=1e-9)
         assert after_correction(smooth, rough)[0] > 0.0
-
-
-@pytest.mark.parametrize("share", [0.5, 0.9])
-def test_the_region_that_just_holds_a_landing_has_the_share_that_it_was_stated_with(share):
-    law = RegionLaw.after([0.3, 4.0])
-    assert region_share(law, law.square(share)) == pytest.approx(share)

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import typing
 
-import numpy as np
 import pytest
 
 import cablecast as cc
@@ -63,7 +62,6 @@ MISTAKES = {
     "reproduce('runs', budget='quick')": "budget must be Budget",
     "EngineWarp('cpu')": "segment_count = 'cpu' is not a whole number",
     "make_rig('virtual:9', SETUP)": "unknown rig 'virtual:9': one of virtual, virtual:4, virtual:5",
-    "Workspace().check_targets(r=1.0, theta_deg=400, cable_length=0.6)": "from -180 to 180",
     "Action(-40.0, 40.0, 0.7)": r"theta1\| = 2292 deg is outside",
 }
 
@@ -76,11 +74,3 @@ def test_a_mistake_in_python_is_answered_by_what_to_give_instead(mistake):
     with pytest.raises(cc.CablecastError, match=MISTAKES[mistake]) as caught:
         eval(mistake, names)
     assert "\n" not in str(caught.value)
-
-
-def test_radians_for_degrees_are_noticed_where_nobody_types_such_degrees():
-    table = cc.Workspace()
-    with pytest.warns(UserWarning, match=r"theta_deg = 0\.29147 .* rad would be 16\.7 degrees"):
-        table.check_targets(r=1.1, theta_deg=np.radians(16.7), cable_length=0.6)
-    for typed in (0.29, 1.5, 0.0, 16.7, np.degrees(0.29)):
-        table.check_targets(r=1.1, theta_deg=typed, cable_length=0.6)

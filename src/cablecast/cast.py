@@ -9,17 +9,16 @@ import dataclasses
 import enum
 import functools
 import math
-from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.conventions import Ellipse
-from cablecast.errors import InputError, check_number
+from cablecast.errors import InputError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, Trajectory, plan_trajectory
 from cablecast.setup import Setup
+from cablecast.task import LANDING, Expectation, Goal
 from cablecast.workspace import Workspace
 
 
@@ -138,7 +137,8 @@ class EndpointTrack:
     @property
     def final_xy(self) -> NDArray[np.float64]:
         """Resting point of the endpoint [m], shape [2]; NaN unless the status is OK."""
-        return self.endpoint_xy[-1] if self.status is TrialStatus.OK else np.full(2, np.nan)
+        landed = self.status is TrialStatus.OK
+        return LANDING.outcome(self.endpoint_xy) if landed else np.full(2, np.nan)
 
 
 def _numbers(name: str, values: Any) -> NDArray[np.float64] | None:
@@ -155,75 +155,6 @@ def _numbers(name: str, values: Any) -> NDArray[np.float64] | None:
         raise InputError(f"{name} of an endpoint track must be an array of numbers") from None
 
 
-TAIL_FREEDOM = 3.0
-"""Degrees of freedom of Student's t distribution that landings follow about the expected one before
-any cast at a target: most land nearer than those of a Gaussian of the same covariance would, and a
-few far off [-]."""
-
-MISS_WEIGHT = 0.5
-"""Weight of each miss in the belief about the scale: misses at one target are correlated."""
-
-MISS_MEMORY = 20
-"""Number of the last misses that count: a cable changes."""
-
-SAME_TARGET = 1e-6
-"""Two targets nearer to each other than this are the same [m]."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RegionLaw:
-    """Law of landings about the expected one: Student's t distribution in the plane.
-
-    Stated covariances may all be too large, or too small, by one factor, which differs from cable
-    to cable. An inverse gamma belief about it makes landings follow Student's t distribution, and
-    every miss updates it.
-
-    Attributes:
-        scale: Covariance over that which was stated before any miss [-].
-        freedom: Degrees of freedom, above 2 [-].
-    """
-
-    scale: float = 1.0
-    freedom: float = TAIL_FREEDOM
-
-    @classmethod
-    def after(cls, squares: Iterable[float]) -> "RegionLaw":
-        """Return the law after misses of some d' C^-1 d [-].
-
-        d is the offset from the expected landing, and C the covariance that was stated before any.
-        """
-        last = list(squares)[-MISS_MEMORY:]
-        freedom = TAIL_FREEDOM + 2.0 * MISS_WEIGHT * len(last)
-        scale = (TAIL_FREEDOM - 2.0 + MISS_WEIGHT * sum(last)) / (freedom - 2.0)
-        return cls(scale=scale, freedom=freedom)
-
-    def square(self, share: float) -> float:
-        """Return the bound of d' C^-1 d [-] that landings keep with some probability [-].
-
-        C is the covariance of this law.
-        """
-        check_number("share", share, 0.01, 0.9999)
-        return (self.freedom - 2.0) * math.expm1(-2.0 / self.freedom * math.log1p(-share))
-
-
-_NOTED_ARRAYS = ("target_xy", "expected_xy", "covariance")
-_NOTED_VALUES = ("scatter", "failure", "inside_coverage")
-# The law is told from a share of 1 % on.
-_RINGS, _SPOKES = 48, 32
-
-
-def ring_points(
-    radius: NDArray[np.float64], turn: NDArray[np.floating], spokes: int
-) -> NDArray[np.float64]:
-    """Return points on rings about the origin, shape [ring * spoke, 2].
-
-    `radius` is that of each ring, `turn` its turn in spokes, shape [ring].
-    """
-    angle: NDArray[np.float64] = (np.arange(spokes) + turn[:, None]) * 2.0 * np.pi / spokes
-    ring = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return ring.reshape(-1, 2)
-
-
 _STEPS_UNSEEN = 20  # Samples after the last seen one within which the free end leaves the table.
 
 HIT_CHANCE_MIN = 0.05
@@ -232,35 +163,28 @@ HIT_CHANCE_MIN = 0.05
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
-    """A cast that was planned at a target, and what to expect of it.
+    """A cast that was planned for a goal, and what to expect of it.
 
     Attributes:
-        setup: Cable, workspace, arm and motion settings.
+        goal: Goal of the cast, with the set-up.
         number: Number of the cast in its session, from 0.
-        try_number: Number of the cast at this target, from 1.
-        target_xy: Target [m], shape [2].
-        within_pct: Distance from the target at which the cast has hit [% of cable length].
+        try_number: Number of the cast at this goal, from 1.
         action: Action.
-        expected_xy: Expected landing [m], shape [2].
-        covariance: Covariance of the landing about it [m²], shape [2, 2].
-        law: Law of the landing about it, with what earlier misses say of that covariance.
-        scatter: Standard deviation along each axis of equal casts, a part of it [m].
-        failure: Chance that the cast leaves the table or ends hidden [-].
-        inside_coverage: Whether simulated casts land near the target.
+        expected: Distribution of the outcome.
+        inside_coverage: Whether simulated casts end near the goal.
     """
 
-    setup: Setup
+    goal: Goal
     number: int
     try_number: int
-    target_xy: NDArray[np.float64]
-    within_pct: float
     action: Action
-    expected_xy: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    law: RegionLaw
-    scatter: float
-    failure: float
+    expected: Expectation
     inside_coverage: bool
+
+    @property
+    def setup(self) -> Setup:
+        """Cable, workspace, arm and motion settings."""
+        return self.goal.setup
 
     @functools.cached_property
     def trajectory(self) -> Trajectory:
@@ -273,58 +197,18 @@ class Proposal:
 
     @functools.cached_property
     def hit_chance(self) -> float:
-        """Chance that the cast lands within `within_pct` of the target [-]."""
-        # Points of equal probability: rings that halve equal shares, turned against each other.
-        share = (np.arange(_RINGS) + 0.5) / _RINGS
-        radius = np.sqrt([self.law.square(float(value)) for value in share])
-        unit = ring_points(radius, share, _SPOKES)
-        points = self.expected_xy + unit @ np.linalg.cholesky(self.covariance).T
-        within = self.within_pct / 100.0 * self.setup.cable.length
-        near = np.linalg.norm(points - self.target_xy, axis=-1) <= within
-        return (1.0 - self.failure) * float(np.mean(near))
+        """Probability that the cast hits its goal [-]."""
+        return self.expected.hit_chance(self.goal)
 
     @property
-    def reason(self) -> str:
-        """Why a hit is not to be expected, in words; empty where it is."""
-        likely = self.inside_coverage and self.hit_chance >= HIT_CHANCE_MIN
-        return "" if likely else self.outlook
+    def expected_miss(self) -> float:
+        """Distance of the expected outcome from the goal [cable lengths]."""
+        return float(self.goal.miss(self.expected.mean))
 
     @property
-    def outlook(self) -> str:
-        """What is to be expected of the cast, in words."""
-        miss = 100.0 * float(np.linalg.norm(self.expected_xy - self.target_xy))
-        wide, narrow = 200.0 * self.ellipse().semi_axes
-        outside = "no simulated cast of this cable lands near this target, and "
-        # The one that was found by search does, where the target is expected to be hit.
-        beside = miss > self.within_pct * self.setup.cable.length
-        return outside * (beside and not self.inside_coverage) + (
-            f"the next cast would hit it with a chance of {100 * self.hit_chance:.0f} %: it is "
-            f"expected {miss:.1f} cm beside it, somewhere in {wide:.0f} by {narrow:.0f} cm"
-        )
-
-    def ellipse(self, share: float = 0.9) -> Ellipse:
-        """Return the ellipse that the landing lies in with some probability [-]."""
-        return Ellipse.of_covariance(self.expected_xy, self.covariance, self.law.square(share))
-
-    def to_note(self) -> dict[str, Any]:
-        """Return what a stored cast keeps of its proposal, beside number and action."""
-        return {
-            "try_number": self.try_number,
-            **{name: getattr(self, name).tolist() for name in _NOTED_ARRAYS},
-            "law": dataclasses.asdict(self.law),
-            **{name: getattr(self, name) for name in _NOTED_VALUES},
-        }
-
-    @classmethod
-    def from_note(cls, note: Mapping[str, Any], **values: Any) -> "Proposal":
-        """Return the proposal of a stored cast, with what `to_note` leaves out."""
-        return cls(
-            try_number=int(note["try_number"]),
-            **{name: np.array(note[name], dtype=float) for name in _NOTED_ARRAYS},
-            law=RegionLaw(**note["law"]),
-            **{name: note[name] for name in _NOTED_VALUES},
-            **values,
-        )
+    def expects_hit(self) -> bool:
+        """Whether a hit is to be expected at all."""
+        return self.inside_coverage and self.hit_chance >= HIT_CHANCE_MIN
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -400,14 +284,30 @@ class Cast:
         return way[np.argmax(off)] if off.any() else self.final_xy
 
     @property
+    def goal(self) -> Goal | None:
+        """Goal of the cast; None for a cast that was not aimed."""
+        return None if self.proposal is None else self.proposal.goal
+
+    @property
+    def outcome(self) -> NDArray[np.float64]:
+        """Outcome of the cast in its task, shape [k]; NaN for a cast without one.
+
+        A cast that was not aimed has that of a landing.
+        """
+        task = LANDING if self.goal is None else self.goal.task
+        if self.status is not TrialStatus.OK:
+            return np.full(len(task.coordinates), np.nan)
+        return task.outcome(self.track.endpoint_xy)
+
+    @property
     def target_xy(self) -> NDArray[np.float64]:
-        """Target [m], shape [2]; NaN for a cast that was not aimed."""
-        return np.full(2, np.nan) if self.proposal is None else self.proposal.target_xy
+        """Value of the goal, shape [k]; NaN for a cast that was not aimed."""
+        return np.full(2, np.nan) if self.goal is None else self.goal.value
 
     @property
     def expected_xy(self) -> NDArray[np.float64]:
-        """Landing that was expected [m], shape [2]; NaN for a cast that was not aimed."""
-        return np.full(2, np.nan) if self.proposal is None else self.proposal.expected_xy
+        """Outcome that was expected, shape [k]; NaN for a cast that was not aimed."""
+        return np.full(2, np.nan) if self.proposal is None else self.proposal.expected.mean
 
     @property
     def number(self) -> int:
@@ -416,34 +316,30 @@ class Cast:
 
     @property
     def try_number(self) -> int:
-        """Number of the cast at its target, from 1; 0 for a cast that was not aimed."""
+        """Number of the cast at its goal, from 1; 0 for a cast that was not aimed."""
         return 0 if self.proposal is None else self.proposal.try_number
 
-    def is_at(self, target_xy: NDArray[np.float64]) -> bool:
-        """Return whether the cast was aimed at a target [m], shape [2]."""
-        return bool(np.linalg.norm(self.target_xy - target_xy) < SAME_TARGET)
+    def is_at(self, value: NDArray[np.float64]) -> bool:
+        """Return whether the cast was aimed at a goal of some value, shape [k]."""
+        return self.goal is not None and self.goal.is_same(value)
 
     @property
     def miss_pct(self) -> float:
-        """Distance from target to landing [% of cable length]; NaN without either."""
-        if self.proposal is None:
-            return math.nan
-        miss = float(np.linalg.norm(self.final_xy - self.target_xy))
-        return 100.0 * miss / self.proposal.setup.cable.length
+        """Distance from goal to outcome [% of cable length]; NaN without either."""
+        return math.nan if self.goal is None else 100.0 * float(self.goal.miss(self.outcome))
 
     @property
     def hit(self) -> bool:
-        """Whether it landed near enough to its target."""
-        return self.proposal is not None and self.miss_pct <= self.proposal.within_pct
+        """Whether the outcome is within the tolerance of the goal."""
+        return self.goal is not None and bool(self.goal.hit(self.outcome))
 
     @property
     def square(self) -> float:
-        """Return d' C^-1 d, with d the offset from the expected landing and C its covariance [-].
+        """Mahalanobis square of the outcome under the law that was stated [-].
 
-        A cast that left the table is taken to have landed there; NaN for any other without a
-        landing, and without an expectation.
+        A cast that left the table is taken to have landed there; NaN for any other without an
+        outcome, and without an expectation.
         """
         if self.proposal is None:
             return math.nan
-        offset = self.end_xy(self.proposal.setup.workspace) - self.expected_xy
-        return float(offset @ np.linalg.solve(self.proposal.covariance, offset))
+        return self.proposal.expected.square(self.end_xy(self.proposal.setup.workspace))

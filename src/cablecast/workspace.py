@@ -2,15 +2,14 @@
 
 import dataclasses
 import pathlib
-import warnings
 from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.conventions import Array, polar_to_xy, xy_to_polar
-from cablecast.errors import InputError, TargetError, check_keys, check_ranges
+from cablecast.conventions import Array
+from cablecast.errors import InputError, check_keys, check_ranges
 from cablecast.files import read_numbers
 
 _SUPPORT_DEPTH = 0.466
@@ -118,55 +117,6 @@ class Workspace:
         """Return the radius of the reachable half disc, r_max + r_c [m] (section III)."""
         return self.r_max + cable_length
 
-    def check_targets(
-        self,
-        target_xy: ArrayLike | None = None,
-        *,
-        r: ArrayLike | None = None,
-        theta_deg: ArrayLike | None = None,
-        cable_length: float,
-    ) -> Array:
-        """Check targets, Cartesian or polar, and return them as x and y.
-
-        Args:
-            target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
-            r: Distances from the robot's base [m], a number or shape [target].
-            theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
-                shape [target].
-            cable_length: Cable length r_c [m].
-
-        Returns:
-            Targets [m], shape [target, 2].
-
-        Raises:
-            InputError: Both forms are given, or neither, or values of the wrong kind or shape.
-            TargetError: A target is not finite, has a negative radius, is farther than r_max + r_c,
-                or off the table.
-        """
-        if (target_xy is None) == (r is None and theta_deg is None):
-            raise InputError("targets are given as either target_xy or r and theta_deg")
-        if target_xy is None:
-            target_xy = _targets_from_polar(r, theta_deg)
-        targets = np.atleast_2d(_numbers("target_xy", target_xy))
-        if targets.ndim != 2 or targets.shape[1] != 2:
-            raise InputError(
-                f"target_xy has shape {np.shape(target_xy)}: it must be [2] or [target, 2]"
-            )
-        bound = self.reach(cable_length)
-        for xy in targets:
-            if not np.all(np.isfinite(xy)):
-                raise TargetError(f"target ({xy[0]}, {xy[1]}) is not finite")
-            radius, theta = xy_to_polar(xy)
-            where = f"target r = {radius:.3f} m, theta = {np.degrees(theta):.1f} deg"
-            if radius > bound:
-                raise TargetError(f"{where} is out of reach: r must be at most {bound:.3f} m")
-            if not self.on_table(xy):
-                raise TargetError(
-                    f"{where} is off the table: |x| <= {self.half_width:g} m and "
-                    f"{self.y_min:g} <= y <= {self.y_max:g} m, but x = {xy[0]:.3f}, y = {xy[1]:.3f}"
-                )
-        return targets
-
     def to_dict(self) -> dict[str, float]:
         """Return plain values for a config or YAML file."""
         return dataclasses.asdict(self)
@@ -189,44 +139,3 @@ def load_targets() -> Array:
     """
     file = pathlib.Path(__file__).with_name("data") / "targets_32.csv"
     return np.array(read_numbers(file, ("x_m", "y_m"), 1))
-
-
-def _targets_from_polar(r: ArrayLike | None, theta_deg: ArrayLike | None) -> Array:
-    """Return targets [m] from radii [m] and angles [deg], shape [target, 2]."""
-    if r is None or theta_deg is None:
-        raise InputError("a target needs both r and theta_deg")
-    radius, angle = _numbers("r", r), _numbers("theta_deg", theta_deg)
-    try:
-        radius, angle = np.broadcast_arrays(np.atleast_1d(radius), np.atleast_1d(angle))
-    except ValueError:
-        shapes = f"{radius.shape} and {angle.shape}"
-        raise InputError(f"r and theta_deg have shapes {shapes}, which do not match") from None
-    if radius.ndim != 1:
-        raise InputError(f"r and theta_deg have shape {radius.shape}: it must be [target]")
-    for one_r, one_theta in zip(radius, angle, strict=True):
-        if not (np.isfinite(one_r) and np.isfinite(one_theta)):
-            raise TargetError(
-                f"target r = {one_r:g} m, theta = {one_theta:g} deg must be finite numbers"
-            )
-        if abs(one_theta) > 180.0:
-            raise TargetError(f"theta_deg = {one_theta:g} must be from -180 to 180")
-        if one_r < 0:
-            raise TargetError(f"target r = {one_r:g} m must not be negative")
-    # Degrees are typed with few digits, and radians computed.
-    small = (angle != 0.0) & (np.abs(angle) <= np.pi / 2)
-    computed = small & (np.abs(angle - np.round(angle, 3)) > 1e-9)
-    if computed.any():
-        found = float(angle[computed][0])
-        warnings.warn(
-            f"theta_deg = {found:.6g} looks like radians: it is read as {found:.3g} degrees, and "
-            f"{found:.3g} rad would be {np.degrees(found):.1f} degrees",
-            stacklevel=4,
-        )
-    return polar_to_xy(np.stack([radius, np.radians(angle)], axis=-1))
-
-
-def _numbers(name: str, values: ArrayLike) -> Array:
-    try:
-        return np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} = {str(values)[:80]!r} must be numbers") from None

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from cablecast.cast import Cast, EndpointTrack, Proposal, RegionLaw, TrialStatus
+from cablecast.cast import Cast, EndpointTrack, Proposal, TrialStatus
 from cablecast.motion.action import Action
 from cablecast.setup import Setup
+from cablecast.task import LANDING, Expectation, Goal
 
 SETUP = Setup()
 ACTION = Action(theta1=-0.5, theta2=0.6, r2=0.55, psi=1.0)
@@ -17,17 +18,15 @@ def made_up_cast(landing, target=None, *, number=0, try_number=1, deviation=1.0,
     proposal = None
     if target is not None:
         proposal = Proposal(
-            setup=SETUP,
+            goal=Goal(task=LANDING, setup=SETUP, value=np.array(target, dtype=float)),
             number=number,
             try_number=try_number,
-            target_xy=np.array(target, dtype=float),
-            within_pct=3.0,
             action=ACTION,
-            expected_xy=np.array(expected, dtype=float),
-            covariance=deviation**2 * np.eye(2),
-            law=RegionLaw(),
-            scatter=0.01,
-            failure=0.0,
+            expected=Expectation(
+                mean=np.array(expected, dtype=float),
+                covariance=deviation**2 * np.eye(2),
+                scatter=0.01,
+            ),
             inside_coverage=True,
         )
     status = TrialStatus.OK if landed else TrialStatus.OCCLUDED

@@ -245,7 +245,7 @@ def test_casts_that_leave_the_table_in_the_ensemble_give_way_to_others(policy):
     predictor = predictor_of(policy, _Assumed(leaves_from=-0.2))
     proposals = [propose(predictor, xy) for xy in targets]
     assert max(abs(proposal.action.theta1) for proposal in proposals) < 0.2
-    assert max(proposal.failure for proposal in proposals) < 0.1
+    assert max(proposal.expected.failure for proposal in proposals) < 0.1
 
 
 def test_the_simulated_landing_is_expected_on_both_sides(policy):
@@ -254,8 +254,8 @@ def test_the_simulated_landing_is_expected_on_both_sides(policy):
         choice = propose(predictor, [side * 0.3, 1.1])
         plain, _, _ = predictor_of(policy).predict(choice.action.to_array())
         shift = LENGTH * np.array([side * 0.05, -0.03])
-        np.testing.assert_allclose(choice.expected_xy, plain[0] + shift, atol=1e-9)
-        np.testing.assert_allclose(choice.expected_xy, [side * 0.3, 1.1], atol=0.02)
+        np.testing.assert_allclose(choice.expected.mean, plain[0] + shift, atol=1e-9)
+        np.testing.assert_allclose(choice.expected.mean, [side * 0.3, 1.1], atol=0.02)
 
 
 def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):
@@ -268,10 +268,10 @@ def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):
 def test_a_cast_moves_the_expected_landing_to_where_it_landed(policy):
     before = predictor_of(policy, _Assumed(policy.model, shift=(0.05, 0.0)))
     choice = propose(before, [0.3, 1.1])
-    seen = choice.expected_xy + LENGTH * np.array([0.08, 0.02])
+    seen = choice.expected.mean + LENGTH * np.array([0.08, 0.02])
     track = EndpointTrack(times=np.zeros(1), endpoint_xy=seen[None], status=TrialStatus.OK)
     after = before.with_casts([Cast.of_motion(choice.trajectory, track, "aim", choice)])
     expected, covariance, _ = after.predict(choice.action.to_array())
-    assert np.linalg.norm(expected[0] - seen) < 0.2 * np.linalg.norm(choice.expected_xy - seen)
-    assert np.linalg.det(covariance[0]) < 0.3 * np.linalg.det(choice.covariance)
+    assert np.linalg.norm(expected[0] - seen) < 0.2 * np.linalg.norm(choice.expected.mean - seen)
+    assert np.linalg.det(covariance[0]) < 0.3 * np.linalg.det(choice.expected.spread)
     assert not before.casts

@@ -10,11 +10,12 @@ from tests.aiming.formula_rig import SETUP, FormulaRig, make_policy
 
 import cablecast as cc
 from cablecast.aiming.propose import SAME_ACTION
+from cablecast.aiming.session import StopReason
 from cablecast.camera.settings import CameraSettings, CameraSight
 from cablecast.conventions import xy_to_polar
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.motion.feasibility import check_actions
-from cablecast.report.words import change_text, reason_text
+from cablecast.report.words import change_text, outlook_text, reason_text, stop_text
 
 TARGETS = np.array([[0.3, 1.1], [-0.25, 1.2], [0.5, 1.05], [-0.5, 1.15], [0.1, 1.25]])
 
@@ -31,6 +32,11 @@ def session_of(policy, *, within_pct=0.01, tries=6, anyway=True, **options):
 
 def rig_of(policy, **options):
     return cc.make_rig(FormulaRig(policy, **options), SETUP)
+
+
+def expecting(proposal, **values):
+    """Return a proposal with other values of its expectation."""
+    return dataclasses.replace(proposal, expected=dataclasses.replace(proposal.expected, **values))
 
 
 def track_to(final_xy):
@@ -120,10 +126,10 @@ def test_a_proposal_says_what_to_expect_before_the_cast(policy):
     session = cc.AimSession(policy)
     proposal = session.propose(r=1.15, theta_deg=-12.0)
     assert proposal.try_number == 1
-    assert np.linalg.norm(proposal.expected_xy - proposal.target_xy) < 0.02
-    major, minor = proposal.ellipse(0.9).semi_axes
+    assert np.linalg.norm(proposal.expected.mean - proposal.goal.value) < 0.02
+    major, minor = proposal.expected.ellipse(0.9).semi_axes
     assert major > minor > 0.0
-    assert proposal.ellipse(0.99).semi_axes[0] > major
+    assert proposal.expected.ellipse(0.99).semi_axes[0] > major
     assert not session.casts
 
 
@@ -135,7 +141,7 @@ def test_the_stated_uncertainty_holds_for_first_and_for_corrected_casts(policy):
         for target in targets:
             session = session_of(policy, tries=2)
             for cast in cc.aim(session, rig, target).casts[0]:
-                inside[cast.try_number].append(cast.square < cast.proposal.law.square(0.9))
+                inside[cast.try_number].append(cast.square < cast.proposal.expected.law.square(0.9))
     # Nine of ten, as far as 40 casts tell; a bias with a sharp bound is better than Gaussian.
     assert np.mean(inside[1]) >= 0.8
     assert np.mean(inside[2]) >= 0.8
@@ -180,8 +186,8 @@ def test_a_cast_without_a_landing_leads_to_another_action(policy):
 def test_a_target_that_a_search_reaches_is_not_said_to_be_out_of_reach(gap, said):
     cast = made_up_cast((0.3, 1.0), target=(0.3, 1.0), expected=(0.3 + gap, 1.0))
     proposal = dataclasses.replace(cast.proposal, inside_coverage=False)
-    assert ("no simulated cast of this cable lands near" in proposal.reason) == said
-    assert f"{100 * gap:.1f} cm beside it" in proposal.reason
+    assert ("no simulated cast of this cable lands near" in outlook_text(proposal)) == said
+    assert f"{100 * gap:.1f} cm off the target" in outlook_text(proposal)
 
 
 def test_a_proposal_that_is_not_the_next_cast_is_refused(policy):
@@ -254,8 +260,8 @@ def test_a_target_that_the_camera_is_blind_at_is_aimed_past(policy):
         assert "cannot tell the marker at the target" in reason_text(past, session)
         session.cast(checked, past)
     assert session.sight is sight
-    assert np.linalg.norm(straight.expected_xy - target) < 0.1 * radius
-    assert 0.9 * radius < np.linalg.norm(past.expected_xy - target) < 3.0 * radius
+    assert np.linalg.norm(straight.expected.mean - target) < 0.1 * radius
+    assert 0.9 * radius < np.linalg.norm(past.expected.mean - target) < 3.0 * radius
 
 
 def test_a_cast_is_kept_where_the_camera_fails_after_it(policy):
@@ -281,8 +287,8 @@ def test_an_action_that_would_lose_its_landing_leaves_its_place_to_another(polic
     monkeypatch.setattr("cablecast.aiming.propose.lost_chance", lost_like_the_usual)
     other = cc.AimSession(policy).propose(TARGETS[0])
     assert np.abs(other.action.to_array() - usual).max() >= 0.05
-    assert other.failure < 0.05
-    assert np.linalg.norm(other.expected_xy - TARGETS[0]) < 0.03
+    assert other.expected.failure < 0.05
+    assert np.linalg.norm(other.expected.mean - TARGETS[0]) < 0.03
 
 
 def test_a_cast_that_was_taken_back_counts_for_nothing(policy, tmp_path):
@@ -354,23 +360,26 @@ def test_a_third_cast_that_will_hardly_hit_is_made_only_where_it_is_expected_nea
     session.observe(session.propose(target + 0.2), track_to(target + 0.1 * missed))
     session.observe(session.propose(target), track_to(target + missed))
     # Stated so widely that hits are unlikely, as after a cast that missed by more than was stated.
-    wide = dataclasses.replace(session.propose(target), covariance=np.eye(2), scatter=0.002)
-    nearer, hardly = (
-        dataclasses.replace(wide, expected_xy=target + share * missed) for share in (0.7, 0.8)
-    )
-    scattered = dataclasses.replace(nearer, scatter=np.linalg.norm(missed))
-    likely = dataclasses.replace(hardly, within_pct=40.0, covariance=missed @ missed * np.eye(2))
-    assert session.stop_reason(hardly) == ""
+    proposal = session.propose(target)
+    law = dataclasses.replace(proposal.expected.law, scale=1.0)
+    wide = expecting(proposal, covariance=np.eye(2), law=law, scatter=0.002)
+    nearer, hardly = (expecting(wide, mean=target + share * missed) for share in (0.7, 0.8))
+    scattered = expecting(nearer, scatter=np.linalg.norm(missed))
+    likely = expecting(hardly, covariance=missed @ missed * np.eye(2))
+    likely = dataclasses.replace(likely, goal=dataclasses.replace(likely.goal, within_pct=40.0))
+    assert session.stop(hardly) is None
     session.observe(session.propose(target), track_to(target + 2.0 * missed))
     assert max(one.hit_chance for one in (nearer, hardly, scattered)) < 0.1 < likely.hit_chance
-    assert session.stop_reason(nearer) == session.stop_reason(likely) == ""
+    assert session.stop(nearer) is session.stop(likely) is None
     r, theta = xy_to_polar(target + missed)
     place = f"cast is r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg"
     for one in (hardly, scattered):
-        assert "would hit it with a chance of" in session.stop_reason(one)
-        assert f"the nearest landing of a {place}" in session.stop_reason(one)
+        stop = session.stop(one)
+        assert stop.reason is StopReason.UNLIKELY
+        assert "would hit it with a chance of" in stop_text(stop)
+        assert f"the nearest landing of a {place}" in stop_text(stop)
     # At another target the first cast is judged by what is simulated.
-    assert session_of(policy).stop_reason(hardly) == ""
+    assert session_of(policy).stop(hardly) is None
 
 
 def test_three_casts_in_a_row_that_come_no_nearer_are_the_last_at_a_target(policy):
@@ -380,13 +389,16 @@ def test_three_casts_in_a_row_that_come_no_nearer_are_the_last_at_a_target(polic
     for offset in offsets:
         proposal = session.propose(target)
         # Whatever is expected of them.
-        proposal = dataclasses.replace(proposal, expected_xy=target, covariance=1e-4 * np.eye(2))
-        stops.append(session.stop_reason(proposal))
+        proposal = expecting(proposal, mean=target, covariance=1e-4 * np.eye(2))
+        stops.append(session.stop(proposal))
         session.observe(proposal, track_to(target + [offset, 0.0]))
-    assert stops == [""] * 5
-    assert "none of the last 3 casts came nearer" in session.stop_reason(session.propose(target))
+    assert stops == [None] * 5
+    stop = session.stop(session.propose(target))
+    assert stop.reason is StopReason.STUCK
+    assert "none of the last 3 casts came nearer" in stop_text(stop)
     session.undo()
-    assert "none of" not in session.stop_reason(session.propose(target))
+    stop = session.stop(session.propose(target))
+    assert stop is None or stop.reason is not StopReason.STUCK
 
 
 def test_of_many_casts_at_a_target_the_newest_tell_of_it(policy):
@@ -417,9 +429,9 @@ def test_a_cast_that_was_stopped_while_it_was_learned_from_is_learned_from(polic
 def test_three_casts_without_a_landing_are_the_last_at_a_target(policy):
     target, session = np.array([0.3, 1.1]), session_of(policy, anyway=False)
     for _ in range(3):
-        assert session.stop_reason(session.propose(target)) == ""
+        assert session.stop(session.propose(target)) is None
         session.observe(session.propose(target), track_to([np.nan, np.nan]))
-    assert "none of the last 3 casts came nearer" in session.stop_reason(session.propose(target))
+    assert session.stop(session.propose(target)).reason is StopReason.STUCK
 
 
 def test_a_place_that_would_count_as_hit_is_no_place_without_simulated_casts(policy):
@@ -446,21 +458,23 @@ def test_a_cast_that_left_the_table_says_where_such_casts_go(policy):
     moved = session.predictor.predict(proposal.action.to_array())[0][0] - before
     share = moved @ (cast.end_xy(SETUP.workspace) - before)
     assert share > 0.7 * np.sum((cast.end_xy(SETUP.workspace) - before) ** 2)
-    assert session.propose(target).law.scale > proposal.law.scale
+    assert session.propose(target).expected.law.scale > proposal.expected.law.scale
 
 
 def test_the_chance_to_hit_is_the_share_of_the_stated_law(policy):
     proposal = dataclasses.replace(session_of(policy, within_pct=3.0).propose((0.3, 1.1)))
     rng = np.random.default_rng(0)
     for offset in (0.0, 0.02, 0.1):
-        moved = dataclasses.replace(proposal, expected_xy=proposal.target_xy + [offset, 0.0])
-        squares = np.array([moved.law.square(share) for share in rng.uniform(0.01, 0.9999, 4000)])
+        moved = expecting(proposal, mean=proposal.goal.value + [offset, 0.0])
+        squares = np.array(
+            [moved.expected.law.square(share) for share in rng.uniform(0.01, 0.9999, 4000)]
+        )
         angles = rng.uniform(0.0, 2.0 * np.pi, squares.size)
         unit = np.sqrt(squares)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        landings = moved.expected_xy + unit @ np.linalg.cholesky(moved.covariance).T
+        landings = moved.expected.mean + unit @ np.linalg.cholesky(moved.expected.spread).T
         share = np.mean(
             np.linalg.norm(landings - moved.target_xy, axis=1) <= 0.03 * SETUP.cable.length
         )
         np.testing.assert_allclose(
-            moved.hit_chance, (1.0 - moved.failure) * share, rtol=0, atol=0.03
+            moved.hit_chance, (1.0 - moved.expected.failure) * share, rtol=0, atol=0.03
         )

@@ -4,6 +4,7 @@ import pytest
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.learning.policy import Plan
 from cablecast.setup import Setup
+from cablecast.task import LANDING
 
 
 class PolicyStub:
@@ -14,9 +15,7 @@ class PolicyStub:
         self.info = {"name": "stub"}
 
     def plan(self, target_xy=None, *, r=None, theta_deg=None):
-        targets = self.setup.workspace.check_targets(
-            target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
-        )
+        targets = LANDING.values(self.setup, target_xy, r=r, theta_deg=theta_deg)
         return Plan(
             setup=self.setup,
             target_xy=targets,

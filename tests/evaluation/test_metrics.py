@@ -2,26 +2,10 @@ import json
 import math
 
 import numpy as np
-import pytest
 
-from cablecast.errors import InputError
-from cablecast.evaluation.evaluate import summarise_errors, target_error_pct
+from cablecast.evaluation.evaluate import summarise_errors
 
 CLOSE = 1e-12  # Double precision; the values are of order 1 to 100.
-
-
-def test_an_error_is_the_distance_in_percent_of_cable_length():
-    errors = target_error_pct([[0.3, 0.4], [1.0, 1.0]], [[0.0, 0.0], [1.0, 1.0]], 0.5)
-    np.testing.assert_allclose(errors, [100.0, 0.0], atol=CLOSE)
-
-
-def test_an_unknown_landing_has_no_error():
-    assert np.isnan(target_error_pct([np.nan, np.nan], [0.0, 1.0], 0.62))
-
-
-def test_points_that_are_not_pairs_are_refused():
-    with pytest.raises(InputError, match=r"\[\.\.\., 2\]"):
-        target_error_pct([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], 0.62)
 
 
 def test_a_summary_interpolates_quartiles_as_numpy_does():

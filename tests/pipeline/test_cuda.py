@@ -36,5 +36,5 @@ def test_the_first_aim_is_prepared_on_cuda(casts, tmp_path):
         session = cc.prepare_aim(rig, config, casts=casts, out=tmp_path)
         proposal = session.propose(r=1.05, theta_deg=15.0)
     # The network has seen few casts, but the fit plays what it proposes.
-    apart = np.linalg.norm(proposal.expected_xy - proposal.target_xy)
+    apart = np.linalg.norm(proposal.expected.mean - proposal.goal.value)
     assert apart < 0.05 * session.setup.cable.length

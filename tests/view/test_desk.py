@@ -4,7 +4,7 @@ import threading
 import numpy as np
 import pytest
 
-from cablecast.aiming.session import AimSession
+from cablecast.aiming.session import AimSession, Stop, StopReason
 from cablecast.cast import TrialStatus
 from cablecast.errors import InputError, RigError
 from cablecast.rigs.make import make_rig
@@ -25,7 +25,7 @@ ON_AIM = 2e-3
 def test_a_plan_says_what_to_expect(desk):
     preview = desk.aim(TARGET)
     assert desk.phase is Phase.PLANNED
-    assert np.linalg.norm(preview.proposal.expected_xy - TARGET) < ON_AIM
+    assert np.linalg.norm(preview.proposal.expected.mean - TARGET) < ON_AIM
     assert preview.cast.nodes is not None
     assert preview.cast.duration > preview.proposal.trajectory.duration
     assert np.all(preview.limit_shares <= 1.0)
@@ -124,18 +124,24 @@ def test_a_hit_is_the_end_at_its_target_and_another_one_is_offered(desk, own):
     assert min(np.linalg.norm(yet_another - xy) for xy in (TARGET, other)) > 0.1
 
 
+def stop_at(proposal):
+    """Return that a proposed cast is unlikely to hit."""
+    nearest = proposal.expected.mean
+    return Stop(proposal=proposal, reason=StopReason.UNLIKELY, nearest=nearest, is_simulated=True)
+
+
 def test_a_cast_that_is_not_worth_making_is_said_after_the_one_before(desk, own):
     own.offset = np.array([-0.3, 0.2])
     desk.aim(TARGET)
-    reasons = iter(["", "", "the next cast is expected to miss by 9 %"])
-    desk.session.stop_reason = lambda proposal: next(reasons)
+    answers = iter([None, None, stop_at])
+    desk.session.stop = lambda proposal: (answer := next(answers)) and answer(proposal)
     for phase in (Phase.LANDED, Phase.DONE):
         desk.cast(desk.correct() if desk.tries else desk.preview)
         desk.look_ahead()
         assert desk.phase is phase
-    assert "miss by 9 %" in status_text(desk, WorkState())
+    assert "would hit it with a chance of" in status_text(desk, WorkState())
     # All the same, a person may.
-    desk.session.stop_reason = lambda proposal: ""
+    desk.session.stop = lambda proposal: None
     assert desk.correct().proposal.try_number == 3
     assert desk.phase is Phase.PLANNED
 
@@ -156,15 +162,15 @@ def test_only_the_plan_that_a_person_saw_is_cast(desk, own):
 
 def test_what_was_said_before_a_hit_is_forgotten_and_stays_off_other_targets(desk, own):
     own.offset = np.zeros(2)
-    desk.session.stop_reason = lambda proposal: "it will miss"
+    desk.session.stop = stop_at
     desk.aim(TARGET)
-    assert desk.stop == "it will miss"
+    assert "would hit it with a chance of" in desk.stop
     assert desk.cast(desk.preview).hit
     desk.look_ahead()
     assert desk.stop == ""
-    desk.session.stop_reason = lambda proposal: ""
+    desk.session.stop = lambda proposal: None
     desk.aim(desk.other_target())
-    desk.session.stop_reason = lambda proposal: "it will miss"
+    desk.session.stop = stop_at
     desk.look_ahead()
     assert desk.stop == ""
 
@@ -201,14 +207,14 @@ def test_a_cast_after_a_landing_is_a_corrected_one(desk):
 
 
 def test_an_undone_try_teaches_nothing(desk, own):
-    before = desk.aim(TARGET).proposal.expected_xy
+    before = desk.aim(TARGET).proposal.expected.mean
     own.offset = np.array([-0.3, 0.2])
     one = desk.cast(desk.preview)
     desk.undo()
     assert desk.is_undone(one)
     assert desk.last is None
     assert desk.tries_at(TARGET) == []
-    assert np.allclose(desk.aim(TARGET).proposal.expected_xy, before)
+    assert np.allclose(desk.aim(TARGET).proposal.expected.mean, before)
 
 
 def test_a_cast_without_a_landing_says_why(desk, own):
@@ -257,7 +263,7 @@ def test_a_session_goes_on_where_it_was(open_desk, policy, tmp_path):
     for before, after in zip(desk.tries, again.tries, strict=True):
         assert np.array_equal(before.action, after.action)
         assert np.array_equal(ShownCast.of_cast(before).nodes, ShownCast.of_cast(after).nodes)
-    expected = [one.aim(TARGET).proposal.expected_xy for one in (desk, again)]
+    expected = [one.aim(TARGET).proposal.expected.mean for one in (desk, again)]
     # The scales of the process are fitted anew in both, by a search with a tolerance.
     assert np.allclose(*expected, atol=ON_AIM)
 

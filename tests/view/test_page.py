@@ -78,7 +78,7 @@ def test_point_cast_correct_replay_undo(page, drawn):
     assert "/marks/expected" not in drawn(page.server)
     page.aim_polar(1.2, -20.0)
     assert desk.phase is Phase.PLANNED
-    assert desk.preview.proposal.target_xy[0] < 0
+    assert desk.preview.proposal.goal.value[0] < 0
 
 
 def test_a_fit_to_all_casts_is_long_work_that_leaves_out_what_was_undone(page, learning):

@@ -13,7 +13,7 @@ def test_a_plan_and_its_cast_are_stated_in_the_units_of_a_person(desk, own):
     preview = desk.aim(TARGET)
     plan = plan_text(preview, desk)
     assert "| target | 1.188 m, 14.6°, try 1 |" in plan
-    axes = 200 * preview.proposal.ellipse(0.9).semi_axes
+    axes = 200 * preview.proposal.expected.ellipse(0.9).semi_axes
     assert f"| 90 % land | in {axes[0]:.0f} by {axes[1]:.0f} cm (" in plan
     assert f"{preview.proposal.trajectory.duration:.2f} s" in plan
     desk.cast(desk.preview)

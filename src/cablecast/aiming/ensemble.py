@@ -24,6 +24,7 @@ from cablecast.files import core_count, write_bytes
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.runs.folder import fingerprint
 from cablecast.setup import Setup
+from cablecast.task import LANDING
 from cablecast.tuning.ensemble import ParamUpdate
 from cablecast.tuning.space import ParamPosterior
 from cablecast.tuning.tracks import MeasuredTracks
@@ -230,8 +231,8 @@ class EnsembleLandings:
             found = estimate_landings(
                 tracks[:count],
                 self.setup,
-                landing_xy=best.result()[0, :, -1],
-                friction_xy=tracks[count:, :, -1],
+                landing_xy=LANDING.outcome(best.result()[0]),
+                friction_xy=LANDING.outcome(tracks[count:]),
             )
             rows = np.column_stack(
                 [found.landing_xy, found.frictions, found.spreads, found.leaving]
@@ -309,7 +310,7 @@ def estimate_landings(
         friction_xy: Landings with `_FRICTION_STEP` less and more friction [m], [2, action, 2].
     """
     length = setup.cable.length
-    landings = tracks[:, :, -1] / length
+    landings = LANDING.outcome(tracks) / length
     there: NDArray[np.bool_] = np.all(np.isfinite(landings), axis=2)
     count = there.sum(axis=0)[:, None]
     summed = np.where(there[..., None], landings, 0.0).sum(axis=0)

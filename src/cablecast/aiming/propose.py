@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cablecast.aiming.predictor import Candidates, LandingPredictor
 from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.camera.settings import CameraSight
-from cablecast.cast import Proposal, RegionLaw, ring_points
+from cablecast.cast import Proposal
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.learning.landing import central_shifts
@@ -23,6 +23,7 @@ from cablecast.motion.action import Action, mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions
 from cablecast.setup import Setup
+from cablecast.task import LANDING, Expectation, Goal, MissLaw, shell_points
 
 _Array = NDArray[np.float64]
 
@@ -59,35 +60,33 @@ _RINGS, _SPOKES = 4, 8
 
 def propose(
     predictor: LandingPredictor,
-    target_xy: _Array,
+    goal: Goal,
     *,
     number: int = 0,
     try_number: int = 1,
-    within_pct: float = 3.0,
-    law: RegionLaw | None = None,
+    law: MissLaw | None = None,
     sight: CameraSight | None = None,
 ) -> Proposal:
-    """Propose the cast with the least expected loss at a target, never one made there before.
+    """Propose the cast with the least expected loss at a goal, never one made there before.
 
     Args:
         predictor: Beliefs, conditioned on the casts so far.
-        target_xy: Target that was checked [m], shape [2].
+        goal: Checked goal.
         number: Number of the cast in its session.
         try_number: Number of the cast at this target. After the first, a small change of an earlier
             action nearly always wins, so fewer other candidates are simulated.
-        within_pct: Distance from the target at which the cast has hit [% of cable length].
-        law: Law of the landing about the expected one; that before any miss where None.
-        sight: Limits of the camera's sight; unknown where None.
+        law: Law of the landing about the expected one; by default that before any miss.
+        sight: Limits of the camera's sight; None if unknown.
 
     Raises:
         InputError: The arm can follow no action near this target.
     """
-    target = np.asarray(target_xy, dtype=float)
+    target = goal.value
     goals = [target]
     if sight is not None and sight.is_blind_at(target):
         goals += [sight.seen_near(target, margin) for margin in _BLIND_MARGINS]
     tried = try_number > 1
-    candidates = Candidates.join([_candidates(predictor, goal, tried) for goal in goals])
+    candidates = Candidates.join([_candidates(predictor, place, tried) for place in goals])
     risk, failure = _risks(predictor, candidates, target, sight)
     if predictor.ensemble is not None:
         # Moved actions still carry the estimate of the action that they started from.
@@ -99,20 +98,21 @@ def propose(
         raise InputError("the arm can follow none of the policy's actions near this target")
     action = mirror_actions(candidates.actions, candidates.side)[best]
     xy, covariance, scatter = predictor.predict(action)
-    law, policy = law or RegionLaw(), predictor.beliefs.policy
     return Proposal(
-        setup=policy.setup,
+        goal=goal,
         number=number,
         try_number=try_number,
-        target_xy=target,
-        within_pct=within_pct,
         action=Action.from_array(action),
-        expected_xy=xy[0],
-        covariance=law.scale * covariance[0],
-        law=law,
-        scatter=float(scatter[0]),
-        failure=float(failure[best]),
-        inside_coverage=bool(policy.inside_coverage(target, max(within_pct, COVERAGE_PCT))),
+        expected=Expectation(
+            mean=xy[0],
+            covariance=covariance[0],
+            law=law or MissLaw(),
+            scatter=float(scatter[0]),
+            failure=float(failure[best]),
+        ),
+        inside_coverage=bool(
+            predictor.beliefs.policy.inside_coverage(target, max(goal.within_pct, COVERAGE_PCT))
+        ),
     )
 
 
@@ -242,8 +242,9 @@ def _least_missing(
 def _earlier_actions(predictor: LandingPredictor, target: _Array) -> _Array:
     """Return the actions of casts that landed nearest to a target, shape [action, 4]."""
     landed = [cast for cast in predictor.casts if cast.landed]
-    length = predictor.beliefs.length
-    miss = [float(np.linalg.norm(cast.final_xy - target)) / length for cast in landed]
+    miss = [
+        float(LANDING.miss(cast.outcome, target, predictor.beliefs.policy.setup)) for cast in landed
+    ]
     near = [row for row in np.argsort(miss)[:_EARLIER_COUNT] if miss[row] < _EARLIER_REACH]
     return np.array([landed[row].action for row in near]).reshape(-1, 4)
 
@@ -310,4 +311,4 @@ def _unit_points() -> NDArray[np.float64]:
     share = (np.arange(_RINGS) + 0.5) / _RINGS
     radius = np.sqrt(-2.0 * np.log1p(-share))
     # Every other ring is turned by half a spoke.
-    return ring_points(radius, 0.5 * (np.arange(_RINGS) % 2), _SPOKES)
+    return shell_points(radius, 0.5 * (np.arange(_RINGS) % 2), _SPOKES)

@@ -3,6 +3,7 @@
 import contextlib
 import copy
 import dataclasses
+import enum
 import itertools
 import math
 import os
@@ -16,8 +17,7 @@ from cablecast.aiming.ensemble import USUAL_DISTANCES
 from cablecast.aiming.predictor import SPREAD_COUNT, Beliefs, LandingPredictor
 from cablecast.aiming.propose import NEAR, propose
 from cablecast.camera.settings import CameraSight
-from cablecast.cast import HIT_CHANCE_MIN, Cast, EndpointTrack, Proposal, RegionLaw
-from cablecast.conventions import xy_to_polar
+from cablecast.cast import HIT_CHANCE_MIN, Cast, EndpointTrack, Proposal
 from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError, RigError
@@ -26,6 +26,7 @@ from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
 from cablecast.runs.progress import ProgressCallback, show
 from cablecast.setup import Setup
+from cablecast.task import LANDING, Goal, MissLaw
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
@@ -54,12 +55,41 @@ ENOUGH = 40
 """Casts from which on no fit is due: more hardly change the parameters."""
 
 _INNOVATION_MAX = 4.0
-# From the third cast at a target on, one with a smaller chance to hit than this must be expected
-# nearer than this share of the nearest landing's distance; so many casts in a row that come no
-# nearer are the last.
-_UNLIKELY, _NEARER, _STUCK = 0.1, 0.75, 3
+# From the third cast at a goal on, one with a smaller chance to hit than this must be expected
+# nearer than this share of the nearest landing's distance.
+_UNLIKELY, _NEARER = 0.1, 0.75
+
+STUCK_COUNT = 3
+"""Casts in a row that come no nearer to a goal, after which no other is made at it."""
+
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _SCALE_GROWTH = 1.3
+
+
+class StopReason(enum.Enum):
+    """Why a proposed cast is not worth making."""
+
+    STUCK = enum.auto()
+    """The last casts at the goal came no nearer."""
+    UNLIKELY = enum.auto()
+    """It is unlikely to hit, and expected to come little nearer than others."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Stop:
+    """A proposed cast that is not worth making.
+
+    Attributes:
+        proposal: The cast.
+        reason: Why it is not.
+        nearest: Outcome nearest to the goal so far, shape [k].
+        is_simulated: Whether that one was simulated, since none of the casts had an outcome.
+    """
+
+    proposal: Proposal
+    reason: StopReason
+    nearest: NDArray[np.float64]
+    is_simulated: bool
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -159,7 +189,7 @@ class AimSession:
         self.simulators = simulators or SimulatorConfig()
         self.setup: Setup = model.policy.setup
         is_open = isinstance(out, CastStore)
-        self.store = out if is_open else CastStore(self.setup, out, self.config.within_pct)
+        self.store = out if is_open else CastStore(self.setup, out)
         if casts is not None:
             self.store.add_dataset(casts)
         self.sight: CameraSight | None = None
@@ -263,60 +293,59 @@ class AimSession:
         self._condition()
         return self.store.casts[number]
 
-    def casts_at(self, target_xy: ArrayLike) -> list[Cast]:
-        """Return the casts at one target [m], shape [2], without those that were taken back."""
-        target = np.asarray(target_xy, dtype=float)
-        return [cast for _, cast in self._counted() if cast.is_at(target)]
+    def casts_at(self, value: ArrayLike) -> list[Cast]:
+        """Return the casts at one goal by its value, shape [k], without discarded ones."""
+        goal = np.asarray(value, dtype=float)
+        return [cast for _, cast in self._counted() if cast.is_at(goal)]
 
     def _counted(self) -> list[tuple[int, Cast]]:
         """Return the casts that were not taken back, with their numbers."""
         return [row for row in enumerate(self.store.casts) if row[0] not in self.undone]
 
-    def is_done(self, target_xy: ArrayLike) -> bool:
-        """Return whether a target [m], shape [2], was hit, or all tries at it are used."""
-        casts = self.casts_at(target_xy)
+    def is_done(self, value: ArrayLike) -> bool:
+        """Return whether a goal of some value, shape [k], was hit, or all its tries are used."""
+        casts = self.casts_at(value)
         return len(casts) >= self.config.tries or any(cast.hit for cast in casts)
 
-    def stop_reason(self, proposal: Proposal) -> str:
-        """Return why a proposed cast is not worth making, in words; empty where it is.
+    def stop(self, proposal: Proposal) -> "Stop | None":
+        """Return why a proposed cast is not worth making; None if it is.
 
-        It is not where the last three casts at the target came no nearer than those before, where
-        two have been made there and this one will hardly hit and is expected hardly nearer than
-        the nearest of them, the scatter of equal casts included, or where none has landed and this
-        one is expected far off.
-        `AimConfig.anyway` makes it all the same.
+        It is not if the last three casts at the goal came no nearer than those before; if two have
+        been made there, and this one is unlikely to hit and expected to come little nearer than
+        the nearest of them, the scatter of equal casts included; or if none has landed and this
+        one is expected far off. `AimConfig.anyway` makes it all the same.
         """
-        target, length = proposal.target_xy, self.setup.cable.length
+        goal, length = proposal.goal, self.setup.cable.length
 
-        def miss(xy: NDArray[np.float64]) -> float:
-            return float(np.linalg.norm(xy - target))
+        def miss(outcome: NDArray[np.float64]) -> float:
+            return float(goal.miss(outcome))
 
-        casts = self.casts_at(target)
-        misses = [miss(cast.final_xy) if cast.landed else math.inf for cast in casts]
-        landed = [cast.final_xy for cast in casts if cast.landed]
-        near = min(landed or [self.model.policy.nearest_landing(target)], key=miss)
-        expected = miss(proposal.expected_xy)
-        before = min(misses[:-_STUCK], default=math.inf)
-        stuck = len(misses) >= _STUCK and min(misses[-_STUCK:]) >= before
+        casts = self.casts_at(goal.value)
+        misses = [miss(cast.outcome) if cast.landed else math.inf for cast in casts]
+        landed = [cast.outcome for cast in casts if cast.landed]
+        near = min(landed or [self.model.policy.nearest_landing(goal.value)], key=miss)
+        expected = proposal.expected_miss
+        before = min(misses[:-STUCK_COUNT], default=math.inf)
+        stuck = len(misses) >= STUCK_COUNT and min(misses[-STUCK_COUNT:]) >= before
         if landed:
-            hardly = math.hypot(expected, math.sqrt(2.0) * proposal.scatter) >= _NEARER * miss(near)
-            stops = len(casts) >= 2 and proposal.hit_chance < _UNLIKELY and hardly
+            scatter = math.sqrt(2.0) * proposal.expected.scatter / length
+            no_nearer = math.hypot(expected, scatter) >= _NEARER * miss(near)
+            unlikely = len(casts) >= 2 and proposal.hit_chance < _UNLIKELY and no_nearer
         else:
-            far = expected > max(proposal.within_pct / 100.0, NEAR) * length
-            stops = proposal.hit_chance < HIT_CHANCE_MIN and far
-        if self.config.anyway or not (stuck or stops):
-            return ""
-        why = f"none of the last {_STUCK} casts came nearer" if stuck else proposal.outlook
-        r, theta = xy_to_polar(near)
-        return (
-            f"{why}; the nearest landing of a {'' if landed else 'simulated '}cast is "
-            f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * miss(near):.0f} cm beside"
-            " it"
+            far = expected > max(goal.within_pct / 100.0, NEAR)
+            unlikely = proposal.hit_chance < HIT_CHANCE_MIN and far
+        if self.config.anyway or not (stuck or unlikely):
+            return None
+        return Stop(
+            proposal=proposal,
+            reason=StopReason.STUCK if stuck else StopReason.UNLIKELY,
+            nearest=near,
+            is_simulated=not landed,
         )
 
     def propose(
         self,
-        target_xy: ArrayLike | None = None,
+        target_xy: ArrayLike | Goal | None = None,
         *,
         r: float | None = None,
         theta_deg: float | None = None,
@@ -324,31 +353,46 @@ class AimSession:
         """Propose the next cast at a target, and say what to expect of it.
 
         Args:
-            target_xy: Target [m], shape [2]; or else r and theta_deg.
+            target_xy: Target [m], shape [2], or a checked goal; or else r and theta_deg.
             r: Distance from the robot's base [m].
             theta_deg: Angle from straight ahead, positive to the robot's right [deg].
 
         Raises:
             TargetError: The target is not finite, out of reach, or off the table.
         """
-        targets = self.setup.workspace.check_targets(
-            target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
-        )
-        if len(targets) != 1:
-            raise InputError(f"a proposal has one target, not {len(targets)}")
+        if isinstance(target_xy, Goal):
+            goal = target_xy
+        else:
+            goals = self.goals(target_xy, r=r, theta_deg=theta_deg)
+            if len(goals) != 1:
+                raise InputError(f"a proposal has one target, not {len(goals)}")
+            goal = goals[0]
         squares = [
-            cast.proposal.law.scale * cast.square
+            cast.proposal.expected.law.scale * cast.square
             for _, cast in self._counted()
             if cast.proposal is not None
         ]
         return propose(
-            self.predictor_at(targets[0]),
-            targets[0],
+            self.predictor_at(goal.value),
+            goal,
             number=len(self.store),
-            try_number=len(self.casts_at(targets[0])) + 1,
-            within_pct=self.config.within_pct,
-            law=RegionLaw.after(square for square in squares if np.isfinite(square)),
+            try_number=len(self.casts_at(goal.value)) + 1,
+            law=MissLaw.after(
+                (square for square in squares if np.isfinite(square)), len(goal.value)
+            ),
             sight=self.sight,
+        )
+
+    def goals(
+        self,
+        target_xy: ArrayLike | None = None,
+        *,
+        r: ArrayLike | None = None,
+        theta_deg: ArrayLike | None = None,
+    ) -> tuple[Goal, ...]:
+        """Return checked goals with the tolerance of the session; see `Landing.values`."""
+        return LANDING.goals(
+            self.setup, target_xy, within_pct=self.config.within_pct, r=r, theta_deg=theta_deg
         )
 
     def predictor_at(self, target_xy: NDArray[np.float64]) -> LandingPredictor:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from cablecast.aiming.session import AimSession
+    from cablecast.aiming.session import AimSession, Stop
     from cablecast.cast import Cast, Proposal
     from cablecast.pipeline.aim import AimResult
     from cablecast.setup import Setup
@@ -225,29 +225,33 @@ def refit_and_say(session: "AimSession", reason: str) -> None:
 
 def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
     """Say what a cast is expected to do."""
-    from cablecast.report.words import reason_text, region_text
+    from cablecast.report.words import outlook_text, reason_text, region_text
 
     if proposal.try_number == 1:
-        print(f"\ntarget    {polar_text(proposal.target_xy)}")
-        if proposal.reason:
-            print(f"note: {proposal.reason}")
-    turn = math.degrees(proposal.ellipse(0.9).angle) % 180
+        print(f"\ntarget    {polar_text(proposal.goal.value)}")
+        if not proposal.expects_hit:
+            print(f"note: {outlook_text(proposal)}")
+    turn = math.degrees(proposal.expected.ellipse(0.9).angle) % 180
     print(f"try {proposal.try_number}     {reason_text(proposal, session)}")
-    print(f"  expect  {polar_text(proposal.expected_xy)}")
+    print(f"  expect  {polar_text(proposal.expected.mean)}")
     print(
         f"          nine of ten casts in {region_text(proposal, 0.9)} about it, the longer axis "
         f"{turn:.0f} deg from x"
     )
-    if proposal.failure > 0.1:
-        print(f"          {100 * proposal.failure:.0f} % chance that it is hidden or off the table")
+    chance = 100 * proposal.expected.failure
+    if chance > 10:
+        print(f"          {chance:.0f} % chance that it is hidden or off the table")
 
 
-def print_stop(proposal: "Proposal", reason: str) -> None:
+def print_stop(stop: "Stop") -> None:
     """Say why a target is not cast at, or not again."""
+    from cablecast.report.words import stop_text
+
+    proposal = stop.proposal
     if proposal.try_number == 1:
-        print(f"\ntarget    {polar_text(proposal.target_xy)}")
+        print(f"\ntarget    {polar_text(proposal.goal.value)}")
     words = _stop_words(proposal.try_number - 1)
-    print(f"{words}: {reason} (--anyway casts all the same)", flush=True)
+    print(f"{words}: {stop_text(stop)} (--anyway casts all the same)", flush=True)
 
 
 def _stop_words(cast_count: int) -> str:
@@ -271,6 +275,7 @@ def print_cast(cast: "Cast", session: "AimSession") -> None:
 def print_result(result: "AimResult", outside: int = 0) -> None:
     """Print one line per target, and how many were hit of these and of others out of reach."""
     from cablecast.conventions import xy_to_polar
+    from cablecast.report.words import stop_text
 
     tries = max((len(casts) for casts in result.casts), default=0)
     heads = ("target", *(str(number) for number in range(1, tries + 1)))
@@ -290,7 +295,7 @@ def print_result(result: "AimResult", outside: int = 0) -> None:
         style = "bold" if any(cast.hit for cast in casts) else ""
         table.add_row(place, *cells, style=style)
         if stop:
-            stopped.append(f"{place}: {_stop_words(len(casts))}: {stop}")
+            stopped.append(f"{place}: {_stop_words(len(casts))}: {stop_text(stop)}")
     count = len(result.casts) + outside
     tables.print_table(table, f"{int(result.hit.sum())} of {count} targets were hit.")
     for line in stopped:

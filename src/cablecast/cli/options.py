@@ -77,11 +77,10 @@ class TargetOptions:
         """
         import numpy as np
 
-        length, check = setup.cable.length, setup.workspace.check_targets
-        found = [
-            check(r=r, theta_deg=theta_deg, cable_length=length) for r, theta_deg in self.target
-        ]
-        found += [check(xy, cable_length=length) for xy in self.target_xy]
+        from cablecast.task import LANDING
+
+        found = [LANDING.values(setup, r=r, theta_deg=theta) for r, theta in self.target]
+        found += [LANDING.values(setup, xy) for xy in self.target_xy]
         if most is not None and len(found) > most:
             raise InputError(f"{len(found)} targets are given: it takes {most}")
         return np.concatenate([np.zeros((0, 2)), *found])
@@ -94,10 +93,11 @@ def paper_targets(setup: "Setup") -> "NDArray[np.float64]":
         TargetError: One is out of reach or off the table; says what to give instead.
     """
     from cablecast.errors import TargetError
+    from cablecast.task import LANDING
     from cablecast.workspace import load_targets
 
     try:
-        return setup.workspace.check_targets(load_targets(), cable_length=setup.cable.length)
+        return LANDING.values(setup, load_targets())
     except TargetError as error:
         raise TargetError(
             f"the paper's targets do not fit this laboratory, give your own with --target R THETA: "

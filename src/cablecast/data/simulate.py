@@ -33,6 +33,7 @@ from cablecast.runs.folder import plain_settings
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 from cablecast.setup import Setup
+from cablecast.task import LANDING
 
 SIMULATED_COUNT = 36_000
 """Number of actions in D_sim (section V-F)."""
@@ -184,10 +185,11 @@ def simulate_actions(
     grip_paths = cast_grip_paths(actions, setup)
     rollout = dynamics.rollout(engine, setup, grip_paths, sample_dt=SAMPLE_DT)
     track = rollout.endpoint_xy
-    finite = rollout.finite & np.all(np.isfinite(track[:, -1]), axis=-1)
-    endpoint_xy = np.where(finite[:, None], track[:, -1], np.nan)
-    landed = setup.workspace.on_table(track[:, -1])
-    codes = np.where(landed, TrialStatus.OK.code, TrialStatus.OFF_TABLE.code)
+    outcome = LANDING.outcome(track)
+    finite = rollout.finite & np.all(np.isfinite(outcome), axis=-1)
+    endpoint_xy = np.where(finite[:, None], outcome, np.nan)
+    lost = LANDING.lost(track, setup)
+    codes = np.where(lost, TrialStatus.OFF_TABLE.code, TrialStatus.OK.code)
     status = np.where(finite, codes, TrialStatus.NON_FINITE.code)
     extent = np.where(finite[:, None], track_extent(track), np.nan)
     return (

@@ -5,7 +5,6 @@ soon as it is done. Its files are shards of one row in the schema of datasets.
 """
 
 import dataclasses
-import json
 import os
 import pathlib
 from collections.abc import Sequence
@@ -31,6 +30,7 @@ from cablecast.files import read_sealed, seal, write_bytes, write_json
 from cablecast.motion.action import Action
 from cablecast.runs.folder import RunFolder, fingerprint
 from cablecast.setup import Setup
+from cablecast.task import LANDING, Expectation, Goal, MissLaw, Task
 
 UNDONE_FILE = "undone.json"
 
@@ -91,8 +91,54 @@ def _stored_row(cast: Cast, index: int) -> dict[str, Any]:
         "nodes": None if nodes is None else nodes.ravel(),
         "purpose": cast.purpose,
         "origin": cast.origin,
-        "proposal": "" if cast.proposal is None else json.dumps(cast.proposal.to_note()),
+        **({} if cast.proposal is None else _proposal_cells(cast.proposal)),
     }
+
+
+def _proposal_cells(proposal: Proposal) -> dict[str, Any]:
+    """Return the columns of a proposal beside the number and the action of its cast."""
+    expected = proposal.expected
+    return {
+        "task": proposal.goal.task.name,
+        "goal": proposal.goal.value,
+        "within_pct": proposal.goal.within_pct,
+        "try_number": proposal.try_number,
+        "expected": expected.mean,
+        "covariance": expected.covariance.ravel(),
+        "law": [expected.law.scale, expected.law.freedom],
+        "scatter": expected.scatter,
+        "failure": expected.failure,
+        "inside_coverage": int(proposal.inside_coverage),
+    }
+
+
+def _stored_proposal(casts: Dataset, number: int, setup: Setup, task: Task) -> Proposal | None:
+    """Return the proposal of the one cast of a dataset; None for a cast that was not aimed."""
+    cells = {name: values[0] for name, values in casts.extra.items()}
+    if not cells.get("task"):
+        return None
+    if cells["task"] != task.name:
+        raise InputError(f"its task is {cells['task']}")
+    mean, (scale, freedom) = np.array(cells["expected"], dtype=float), cells["law"]
+    return Proposal(
+        goal=Goal(
+            task=task,
+            setup=setup,
+            value=np.array(cells["goal"], dtype=float),
+            within_pct=cells["within_pct"],
+        ),
+        number=number,
+        try_number=cells["try_number"],
+        action=Action.from_array(casts.actions[0]),
+        expected=Expectation(
+            mean=mean,
+            covariance=np.array(cells["covariance"], dtype=float).reshape(len(mean), len(mean)),
+            law=MissLaw(scale=scale, freedom=freedom),
+            scatter=cells["scatter"],
+            failure=cells["failure"],
+        ),
+        inside_coverage=bool(cells["inside_coverage"]),
+    )
 
 
 class CastStore:
@@ -101,7 +147,7 @@ class CastStore:
     Attributes:
         casts: All casts.
         undone: Numbers of those that were taken back: they are kept, and count for nothing.
-        within_pct: Distance from a target at which a cast has hit [% of cable length].
+        task: Task of the casts that were aimed.
 
     Raises:
         InputError: The folder holds something else, or casts of another set-up.
@@ -112,9 +158,9 @@ class CastStore:
         self,
         setup: Setup,
         folder: str | os.PathLike[str] | None = None,
-        within_pct: float = 3.0,
+        task: Task = LANDING,
     ):
-        self.setup, self.within_pct = setup, within_pct
+        self.setup, self.task = setup, task
         self.casts: list[Cast] = []
         self.undone: frozenset[int] = frozenset()
         self._run: RunFolder | None = None
@@ -172,7 +218,7 @@ class CastStore:
 
     def in_memory(self) -> "CastStore":
         """Return a store of the same casts that keeps nothing on disk."""
-        store = CastStore(self.setup, within_pct=self.within_pct)
+        store = CastStore(self.setup, task=self.task)
         store.casts, store.undone = list(self.casts), self.undone
         return store
 
@@ -229,20 +275,11 @@ class CastStore:
         try:
             table, _ = read_shard(file, range(number, number + 1), self._settings_fingerprint)
             casts = table_dataset(table, {"kind": "aim", "settings": self.setup.to_settings()})
-            row = {name: casts.extra[name][0] for name in ("purpose", "origin", "proposal")}
-            note = json.loads(row["proposal"]) if row["proposal"] else None
-            proposal = note and Proposal.from_note(
-                note,
-                setup=self.setup,
-                number=number,
-                action=Action.from_array(casts.actions[0]),
-                within_pct=self.within_pct,
-            )
             return dataclasses.replace(
                 dataset_cast(casts, 0),
-                purpose=row["purpose"],
-                proposal=proposal,
-                origin=row["origin"],
+                purpose=casts.extra["purpose"][0],
+                proposal=_stored_proposal(casts, number, self.setup, self.task),
+                origin=casts.extra["origin"][0],
             )
         except DatasetError as error:
             reason = str(error).partition(": delete it")[0]

@@ -21,19 +21,7 @@ from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
-
-
-def target_error_pct(
-    landed_xy: ArrayLike, target_xy: ArrayLike, cable_length: float
-) -> NDArray[np.float64]:
-    """Return distances from target to endpoint, as in the paper's tables [% of cable length].
-
-    Points [m] and cable length [m]; NaN where the endpoint is unknown. Shapes [..., 2], [...].
-    """
-    offset = np.asarray(landed_xy, dtype=float) - np.asarray(target_xy, dtype=float)
-    if offset.shape[-1:] != (2,):
-        raise InputError(f"points have shape {offset.shape}: it must be [..., 2]")
-    return 100.0 * np.hypot(offset[..., 0], offset[..., 1]) / cable_length
+from cablecast.task import LANDING
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -199,17 +187,17 @@ class Evaluation:
     @property
     def errors_pct(self) -> NDArray[np.float64]:
         """Distance from target to landing [% of cable length], NaN unless OK, shape [cast]."""
-        return target_error_pct(self.landed_xy, self.aimed_xy, self.cable.length)
+        return 100.0 * LANDING.miss(self.landed_xy, self.aimed_xy, self.setup)
 
     @property
     def planned_errors_pct(self) -> NDArray[np.float64]:
         """Distance from target to predicted endpoint [% of cable length], shape [cast]."""
-        return target_error_pct(self.predicted_xy, self.aimed_xy, self.cable.length)
+        return 100.0 * LANDING.miss(self.predicted_xy, self.aimed_xy, self.setup)
 
     @property
     def prediction_errors_pct(self) -> NDArray[np.float64]:
         """Distance from predicted endpoint to landing [% of cable length], shape [cast]."""
-        return target_error_pct(self.landed_xy, self.predicted_xy, self.cable.length)
+        return 100.0 * LANDING.miss(self.landed_xy, self.predicted_xy, self.setup)
 
     @property
     def status_counts(self) -> dict[TrialStatus, int]:
@@ -254,8 +242,8 @@ def evaluate_policy(
         DatasetError: The folder holds other casts.
     """
     setup = policy.setup
-    target_xy = setup.workspace.check_targets(targets, cable_length=setup.cable.length)
-    plan = policy.plan(target_xy)
+    plan = policy.plan(targets)
+    target_xy = plan.target_xy
     motions = plan.trajectories
     inside = np.asarray(plan.inside_coverage, dtype=bool)
     trials = TrialPlan(
@@ -436,7 +424,7 @@ def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
     targets, first = np.unique(evaluation.target_index, return_index=True)
     simulated = run_trials(engine_rig, [evaluation.motions[row] for row in first])
     # The engine's table has no edge: a cast that leaves the table still has a landing.
-    ends = (track.endpoint_xy[-1] for track in simulated)
+    ends = (LANDING.outcome(track.endpoint_xy) for track in simulated)
     engine_xy = dict(zip(targets.tolist(), ends, strict=True))
 
     landed = np.array(

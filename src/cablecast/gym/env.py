@@ -35,6 +35,7 @@ from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
+from cablecast.task import LANDING
 from cablecast.tuning.space import SearchSpace
 from cablecast.tuning.tuned import Tuned
 
@@ -104,9 +105,7 @@ class CastTask:
         check_number("spread", self.spread, 0.0, 1.0)
         check_number("fail_reward", self.fail_reward, -1e6, 0.0, "%")
         if self.targets is not None:
-            self.targets = self.setup.workspace.check_targets(
-                self.targets, cable_length=self.setup.cable.length
-            )
+            self.targets = LANDING.values(self.setup, self.targets)
         space = SearchSpace.for_cable(self.setup.cable)
         self.space = dataclasses.replace(space, base=self.params)
         self.ranges = feasible_ranges(self.setup)
@@ -193,7 +192,7 @@ class CastTask:
         Landings [m] have the shape [count, 2], with NaN where there is none; `ok` tells which casts
         ended on the table.
         """
-        miss = np.linalg.norm(landing_xy - target_xy, axis=1) / self.setup.cable.length * 100.0
+        miss = 100.0 * LANDING.miss(landing_xy, target_xy, self.setup)
         counts = np.isfinite(miss) & (ok if self.off_table == "fail" else True)
         return np.where(counts, np.maximum(-miss, self.fail_reward), self.fail_reward)
 
@@ -302,8 +301,7 @@ class _Casts:
         targets = self.task.draw_targets(self.count, rng)
         cables = self.task.draw_cables(self.count, rng)
         if target_xy is not None:
-            setup = self.task.setup
-            xy = setup.workspace.check_targets(target_xy, cable_length=setup.cable.length)
+            xy = LANDING.values(self.task.setup, target_xy)
             if len(xy) not in (1, self.count):
                 raise InputError(
                     f"{len(xy)} targets for {self.count} environments: one, or as many"

@@ -43,6 +43,7 @@ from cablecast.motion.feasibility import check_actions, feasible_grid
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.setup import Setup
+from cablecast.task import LANDING
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,8 +99,7 @@ class Plan:
     @property
     def miss_pct(self) -> NDArray[np.float64]:
         """Distances from the predicted landings to the targets [% of cable length]."""
-        miss = np.linalg.norm(self.predicted_xy - self.target_xy, axis=1)
-        return 100.0 * miss / self.setup.cable.length
+        return 100.0 * LANDING.miss(self.predicted_xy, self.target_xy, self.setup)
 
     @functools.cached_property
     def trajectories(self) -> tuple[Trajectory, ...]:
@@ -136,7 +136,7 @@ class Policy(Protocol):
         r: ArrayLike | None = None,
         theta_deg: ArrayLike | None = None,
     ) -> Plan:
-        """Plan a motion for each target; see `Workspace.check_targets` for the arguments."""
+        """Plan a motion for each target; see `Landing.values` for the arguments."""
         ...
 
 
@@ -476,9 +476,7 @@ class ForwardSearchPolicy:
             InputError: Both forms of targets are given, or neither.
             TargetError: A target is not finite, out of reach, or off the table.
         """
-        targets = self.setup.workspace.check_targets(
-            target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
-        )
+        targets = LANDING.values(self.setup, target_xy, r=r, theta_deg=theta_deg)
         side = side_of(targets)
         chosen, actions, predicted_xy = self._choose(mirror_xy(targets, side))
         return Plan(
@@ -677,9 +675,7 @@ class PolarCastingPolicy:
             TargetError: A target is not finite, out of reach of arm and cable, or off the table.
             JointLimitError: The arm cannot follow the motion.
         """
-        targets = self.setup.workspace.check_targets(
-            target_xy, r=r, theta_deg=theta_deg, cable_length=self.setup.cable.length
-        )
+        targets = LANDING.values(self.setup, target_xy, r=r, theta_deg=theta_deg)
         nearest = self.reach.nearest(targets)
         return Plan(
             setup=self.setup,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.config import AimConfig
-from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig, follows_badly
+from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig, Stop, follows_badly
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
@@ -30,9 +30,7 @@ from cablecast.evaluation.evaluate import (
 from cablecast.files import write_bytes, write_text
 from cablecast.learning.checkpoint import check_device, import_torch
 from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy
-from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_grid, feasible_ranges
-from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import REPORT_FILE, TRIALS_FILE
 from cablecast.pipeline.places import require
@@ -85,14 +83,14 @@ class AimResult:
         session: Session, which further targets can be aimed at in.
         target_xy: Targets [m], shape [target, 2].
         casts: Casts at each target, in order.
-        stops: Why no further cast was made at each target; empty where it was hit, or where all
-            tries were used.
+        stops: Why no further cast was made at each target; None if it was hit, or if all tries were
+            used.
     """
 
     session: AimSession
     target_xy: NDArray[np.float64]
     casts: tuple[tuple[Cast, ...], ...]
-    stops: tuple[str, ...]
+    stops: tuple[Stop | None, ...]
 
     @property
     def hit(self) -> NDArray[np.bool_]:
@@ -189,7 +187,7 @@ def prepare_aim(
         _keep_rig(folder, rig)
     learning = _Learning(rig.setup, config, simulators, folder)
     session_folder = None if folder is None else folder / SESSION_FOLDER
-    store = CastStore(rig.setup, session_folder, config.within_pct)
+    store = CastStore(rig.setup, session_folder)
     if casts is not None and fit_all:
         store.add_dataset(casts)
     model = _later_model(learning, store, fit_all, progress)
@@ -447,14 +445,14 @@ def aim(
     theta_deg: ArrayLike | None = None,
     on_proposal: Callable[[Proposal], None] | None = None,
     on_cast: Callable[[Cast], None] | None = None,
-    on_stop: Callable[[Proposal, str], None] | None = None,
+    on_stop: Callable[[Stop], None] | None = None,
     on_refit: Callable[[AimSession, str], None] | None = None,
     progress: ProgressCallback = show,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.
 
     A target that the session has cast at before goes on where it stopped. Casts that are not worth
-    making are not made, see `AimSession.stop_reason`. Before a new target the
+    making are not made, see `AimSession.stop`. Before a new target the
     simulator is fitted anew to all casts where `AimSession.refit_reason` says that it is worth it,
     unless `AimConfig.refit` is False.
 
@@ -467,7 +465,7 @@ def aim(
             shape [target].
         on_proposal: Called with every proposal before its cast is made.
         on_cast: Called with every cast after it was made.
-        on_stop: Called with a proposed cast that is not worth making, and the reason.
+        on_stop: Called with a proposed cast that is not worth making.
         on_refit: Called with the session and the reason of a new fit that is due, in place of
             `session.refit(progress)`.
         progress: Told how many targets are done, and how far a new fit is.
@@ -477,26 +475,23 @@ def aim(
         RigError: A cast failed too often. Earlier casts are kept.
     """
     session = session if isinstance(session, AimSession) else AimSession(session)
-    setup = session.setup
-    targets = setup.workspace.check_targets(
-        target_xy, r=r, theta_deg=theta_deg, cable_length=setup.cable.length
-    )
+    goals = session.goals(target_xy, r=r, theta_deg=theta_deg)
     stops = []
-    for done, target in enumerate(targets):
+    for done, goal in enumerate(goals):
         # Never between the tries at a target: a correction relies on the model of the last try.
-        refits = session.config.refit and not session.casts_at(target)
+        refits = session.config.refit and not session.casts_at(goal.value)
         reason = session.refit_reason if refits else ""
         if reason and on_refit is not None:
             on_refit(session, reason)
         elif reason:
             progress(Progress(task="A new fit to all casts", note=reason))
             session.refit(progress)
-        stop = ""
-        while not session.is_done(target):
-            proposal = session.propose(target)
-            if stop := session.stop_reason(proposal):
+        stop = None
+        while not session.is_done(goal.value):
+            proposal = session.propose(goal)
+            if stop := session.stop(proposal):
                 if on_stop is not None:
-                    on_stop(proposal, stop)
+                    on_stop(stop)
                 break
             if on_proposal is not None:
                 on_proposal(proposal)
@@ -504,11 +499,11 @@ def aim(
             if on_cast is not None:
                 on_cast(cast)
         stops.append(stop)
-        progress(Progress(task="Aiming", done=done + 1, total=len(targets), unit="targets"))
+        progress(Progress(task="Aiming", done=done + 1, total=len(goals), unit="targets"))
     return AimResult(
         session=session,
-        target_xy=targets,
-        casts=tuple(tuple(session.casts_at(target)) for target in targets),
+        target_xy=np.array([goal.value for goal in goals]),
+        casts=tuple(tuple(session.casts_at(goal.value)) for goal in goals),
         stops=tuple(stops),
     )
 
@@ -525,7 +520,7 @@ def _evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
             result.target_xy, max(result.session.config.within_pct, COVERAGE_PCT)
         ),
         casts=tuple(casts),
-        motions=tuple(plan_trajectory(Action.from_array(cast.action), setup) for cast in casts),
+        motions=tuple(cast.proposal.trajectory for cast in casts if cast.proposal is not None),
         target_index=np.repeat(np.arange(len(result.casts)), [len(c) for c in result.casts]),
         predicted_xy=np.array([cast.expected_xy for cast in casts]).reshape(-1, 2),
     )

@@ -27,6 +27,7 @@ from cablecast.motion.feasibility import (
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
+from cablecast.task import LANDING
 from cablecast.tuning.ensemble import believed_ensemble
 
 PICTURE_FILE = "check.png"
@@ -318,7 +319,7 @@ def _landings(setup: Setup, xy: Array) -> tuple[Array, Array]:
         xy: Tracks of the free end [m], shape [cast, sample, 2].
     """
     passes = np.any(setup.workspace.edge_distance(xy) < 0.0, axis=1)
-    end = xy[:, -1]
+    end = LANDING.outcome(xy)
     stays = np.where((passes | ~np.isfinite(xy).all(axis=(1, 2)))[:, None], np.nan, end)
     both = np.stack([stays, mirror_xy(stays)], axis=1).reshape(-1, 2)
     left = end[passes & np.isfinite(end).all(axis=1)]

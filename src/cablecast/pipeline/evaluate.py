@@ -28,6 +28,7 @@ from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
 from cablecast.runs.folder import RunFolder, refuse_other_work, settings_differences
 from cablecast.runs.progress import Progress, ProgressCallback, show
+from cablecast.task import LANDING
 from cablecast.workspace import load_targets
 
 TRIALS_FILE = "trials.csv"
@@ -76,9 +77,7 @@ def evaluate(
     if isinstance(policy, ForwardSearchPolicy):
         policy = policy.by(method)
     check_rig_setup(rig, policy)
-    target_xy = policy.setup.workspace.check_targets(
-        load_targets() if targets is None else targets, cable_length=policy.setup.cable.length
-    )
+    target_xy = LANDING.values(policy.setup, load_targets() if targets is None else targets)
     settings = {
         **policy.setup.to_settings(),
         "policy": policy.info,

@@ -32,6 +32,7 @@ from cablecast.runs.folder import Parts, RunFolder
 from cablecast.runs.progress import Progress, ProgressCallback, Stage, run_stages, show
 from cablecast.runs.workers import LOCAL, check_workers, connected
 from cablecast.setup import Setup
+from cablecast.task import LANDING
 from cablecast.tuning.tune import TuneConfig
 from cablecast.tuning.tuned import load_tuned
 from cablecast.workspace import load_targets
@@ -201,7 +202,7 @@ def reproduce(
     simulator = make_engine(engine, device=device)
     check_device(device)
     for one in setups:
-        one.workspace.check_targets(load_targets(), cable_length=one.cable.length)
+        LANDING.values(one, load_targets())
     _ = PolarCastingPolicy(setup=setups[0]).plan(load_targets()).trajectories
     settings = {
         "setup": setup.to_settings(),

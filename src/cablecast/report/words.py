@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.aiming.session import AimSession
+from cablecast.aiming.session import STUCK_COUNT, AimSession, Stop, StopReason
 from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
 
@@ -30,7 +30,7 @@ def place_text(xy: NDArray[np.float64]) -> str:
 
 def region_text(proposal: Proposal, share: float) -> str:
     """Return the axes of the region that holds a share of the landings [-], e.g. 90 %."""
-    axes = 2.0 * proposal.ellipse(share).semi_axes
+    axes = 2.0 * proposal.expected.ellipse(share).semi_axes
     table = proposal.setup.workspace
     if axes.min() > max(table.table_width, table.table_depth):
         return "a region larger than the table"
@@ -39,11 +39,38 @@ def region_text(proposal: Proposal, share: float) -> str:
     return f"{centimetres} cm ({percent} %)"
 
 
+def outlook_text(proposal: Proposal) -> str:
+    """Return what to expect of a cast that is unlikely to hit."""
+    wide, narrow = 200.0 * proposal.expected.ellipse().semi_axes
+    miss, length = proposal.expected_miss, proposal.setup.cable.length
+    # A cast that was found by search may land near a target that no candidate comes near.
+    far = not proposal.inside_coverage and 100.0 * miss > proposal.goal.within_pct
+    return "no simulated cast of this cable lands near this target, and " * far + (
+        f"the next cast would hit it with a chance of {100 * proposal.hit_chance:.0f} %: it is "
+        f"expected {100.0 * miss * length:.1f} cm off the target, somewhere in "
+        f"{wide:.0f} by {narrow:.0f} cm"
+    )
+
+
+def stop_text(stop: Stop) -> str:
+    """Return why a proposed cast is not worth making."""
+    goal = stop.proposal.goal
+    why = outlook_text(stop.proposal)
+    if stop.reason is StopReason.STUCK:
+        why = f"none of the last {STUCK_COUNT} casts came nearer"
+    r, theta = xy_to_polar(stop.nearest)
+    miss = 100.0 * float(goal.miss(stop.nearest)) * goal.setup.cable.length
+    return (
+        f"{why}; the nearest landing of a {'simulated ' * stop.is_simulated}cast is "
+        f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {miss:.0f} cm off the target"
+    )
+
+
 def reason_text(proposal: Proposal, session: AimSession) -> str:
     """Return why an action is proposed."""
-    action, earlier = proposal.action.to_array(), session.casts_at(proposal.target_xy)
+    action, earlier = proposal.action.to_array(), session.casts_at(proposal.goal.value)
     reason = _reason(action, [cast for cast in earlier if cast.number < proposal.number], proposal)
-    if session.sight is not None and session.sight.is_blind_at(proposal.target_xy):
+    if session.sight is not None and session.sight.is_blind_at(proposal.goal.value):
         reason += BLIND_NOTE
     return reason
 

@@ -18,6 +18,7 @@ from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle
 from cablecast.runs.workers import LOCAL
 from cablecast.setup import Setup
+from cablecast.task import LANDING
 from cablecast.workspace import Workspace
 
 
@@ -113,6 +114,6 @@ def status_of(endpoint_xy: NDArray[np.float64], workspace: Workspace) -> TrialSt
     """
     if not np.all(np.isfinite(endpoint_xy)):
         return TrialStatus.NON_FINITE
-    if not workspace.on_table(endpoint_xy[-1]):
+    if not workspace.on_table(LANDING.outcome(endpoint_xy)):
         return TrialStatus.OFF_TABLE
     return TrialStatus.OK

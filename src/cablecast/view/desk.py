@@ -23,7 +23,7 @@ from cablecast.errors import InputError
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.trajectory import Trajectory
-from cablecast.report.words import change_text
+from cablecast.report.words import change_text, stop_text
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
@@ -123,7 +123,7 @@ class Desk:
         """Whether a try at the target of the plan hit it."""
         preview = self.preview
         return preview is not None and any(
-            one.hit for one in self.tries_at(preview.proposal.target_xy)
+            one.hit for one in self.tries_at(preview.proposal.goal.value)
         )
 
     def is_undone(self, trial: Cast) -> bool:
@@ -188,7 +188,7 @@ class Desk:
             self.preview, self.stop = None, ""
             proposal = session.propose(target_xy)
             self.preview = self._preview(session, proposal)
-            self.stop = session.stop_reason(proposal)
+            self.stop = _stop_words(session, proposal)
             self.message = ""
             return self.preview
 
@@ -207,7 +207,7 @@ class Desk:
         )
         aimed = [one.target_xy for one in self.tries]
         if (preview := self.preview) is not None:
-            aimed.append(preview.proposal.target_xy)
+            aimed.append(preview.proposal.goal.value)
         known = np.array(aimed).reshape(-1, 1, 2)
         return some[np.argmax(np.linalg.norm(some - known, axis=2).min(axis=0, initial=np.inf))]
 
@@ -215,13 +215,13 @@ class Desk:
         """Find out whether another cast at the target of the last one is worth making."""
         with self._lock:
             session, last, preview = self._need_session(), self.last, self.preview
-            if last is None or preview is None or not last.is_at(preview.proposal.target_xy):
+            if last is None or preview is None or not last.is_at(preview.proposal.goal.value):
                 # Another target was chosen meanwhile.
                 return
             self.stop = ""
             if self.is_hit:
                 return
-            self.stop = session.stop_reason(session.propose(last.target_xy))
+            self.stop = _stop_words(session, session.propose(last.target_xy))
             if not self.stop and session.is_done(last.target_xy):
                 self.stop = f"all {session.config.tries} tries at this target are used"
 
@@ -300,3 +300,9 @@ class Desk:
     def _refuse_casting(self) -> None:
         if self._casting:
             raise InputError("a cast is under way: wait until the cable rests")
+
+
+def _stop_words(session: AimSession, proposal: Proposal) -> str:
+    """Return why a proposed cast is not worth making; empty if it is."""
+    stop = session.stop(proposal)
+    return "" if stop is None else stop_text(stop)

@@ -25,6 +25,7 @@ from cablecast.report.words import place_text
 from cablecast.runs.folder import Parts, RunFolder
 from cablecast.runs.places import TUNE_FOLDER
 from cablecast.setup import Setup
+from cablecast.task import LANDING
 from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
 
 FRAME_DT = 0.02
@@ -237,8 +238,8 @@ class Collection:
         if np.all(np.isfinite(self.dataset.actions[index])):
             simulated = self.simulated(index, engine, self.fitted)
         if target_xy is not None and self.dataset.status[index] == TrialStatus.OK.code:
-            miss = float(np.linalg.norm(self.dataset.endpoint_xy[index] - target))
-            result += f": {100 * miss / self.setup.cable.length:.1f} % of the cable's length off"
+            miss = float(LANDING.miss(self.dataset.endpoint_xy[index], target, self.setup))
+            result += f": {100 * miss:.1f} % of the cable's length off"
         return Shot(
             cast=measured, other=simulated, target_xy=target_xy, caption=label, result=result
         )

@@ -277,7 +277,7 @@ class Page:
             return None
 
     def _show_plan(self, preview: Preview) -> None:
-        self._mark(preview.proposal.target_xy)
+        self._mark(preview.proposal.goal.value)
         self.stage.table.expectation(preview.proposal)
         casts = {"plan": preview.cast, "measured": preview.cast.start}
         self.stage.play(casts, rounds=_ROUNDS)

@@ -420,8 +420,8 @@ class Table:
 
     def expectation(self, proposal: Proposal) -> None:
         """Draw the expected landing, and the ellipse that nine of ten landings lie in."""
-        outline = level(proposal.ellipse(EXPECTED_SHARE).outline(), 2 * LIFT)
-        lines = [circle(proposal.expected_xy, 0.012, 2 * LIFT), polyline(outline)]
+        outline = level(proposal.expected.ellipse(EXPECTED_SHARE).outline(), 2 * LIFT)
+        lines = [circle(proposal.expected.mean, 0.012, 2 * LIFT), polyline(outline)]
         self._lines("/marks/expected", np.concatenate(lines), GREEN, 2.5)
 
     def landings(self, trials: list[Cast]) -> None:

@@ -84,32 +84,35 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     proposal, length = preview.proposal, desk.setup.cable.length
     if desk.phase in (Phase.LANDED, Phase.DONE):
         return _landing_text(proposal, desk)
-    r, theta = xy_to_polar(proposal.target_xy)
-    offset = float(np.linalg.norm(proposal.expected_xy - proposal.target_xy))
+    r, theta = xy_to_polar(proposal.goal.value)
     shares, names = 100.0 * preview.limit_shares, desk.setup.arm.joint_names
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
         ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
-        ("expected", f"{_length_text(100 * offset / length, length)} beside it"),
+        ("expected", f"{_length_text(100 * proposal.expected_miss, length)} beside it"),
         (f"{100 * EXPECTED_SHARE:.0f} % land", f"in {region_text(proposal, EXPECTED_SHARE)}"),
         ("duration", f"{proposal.trajectory.duration:.2f} s"),
         ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({names[fastest]})"),
         ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({names[hardest]})"),
         ("table's edge", f"{100 * preview.margin:.0f} cm away"),
     ]
-    if proposal.failure > _WORTH_SAYING:
-        rows.append(("may fail", f"{100 * proposal.failure:.0f} % hidden or off the table"))
+    if proposal.expected.failure > _WORTH_SAYING:
+        rows.append(
+            ("may fail", f"{100 * proposal.expected.failure:.0f} % hidden or off the table")
+        )
     return markdown_table(("plan", ""), rows)
 
 
 def _landing_text(proposal: Proposal, desk: Desk) -> str:
     """Return how the last cast landed beside what was expected of it, as a table."""
     length = desk.setup.cable.length
-    rows = [("target", place_text(proposal.target_xy))]
+    rows = [("target", place_text(proposal.goal.value))]
     last = desk.last
     if last is not None and last.landed:
-        off = 100 * float(np.linalg.norm(last.final_xy - proposal.expected_xy)) / length
-        inside = last.square <= proposal.law.square(EXPECTED_SHARE)
+        off = 100 * float(
+            proposal.goal.task.miss(last.outcome, proposal.expected.mean, proposal.setup)
+        )
+        inside = proposal.expected.holds(last.outcome, EXPECTED_SHARE)
         rows += [
             ("landed", f"{_length_text(last.miss_pct, length)} beside it"),
             ("expected", f"{_length_text(off, length)} from there"),

@@ -1,0 +1,239 @@
+"""What a cast is aimed at, what of its path counts, and how an outcome is distributed."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from cablecast.cable import load_cable
+from cablecast.errors import InputError, TargetError
+from cablecast.setup import Setup
+from cablecast.task import (
+    LANDING,
+    MISS_MEMORY,
+    MISS_WEIGHT,
+    Expectation,
+    Goal,
+    MissLaw,
+    Task,
+)
+from cablecast.workspace import Workspace, load_targets
+
+SETUP = Setup(cable=load_cable("cable_1"))
+DRAW_COUNT = 200_000
+# Four standard deviations of the share of so many draws, and of 48 shells that stand for them.
+SHARE_TOLERANCE = 0.03
+
+
+class Farthest(Task):
+    """The largest distance from the robot's base that the free end reaches: one number."""
+
+    name = "farthest"
+    coordinates = ("r",)
+    mirror = (1.0,)
+
+    def scale(self, setup):
+        return np.array([setup.cable.length])
+
+    def values(self, setup, value=None, **forms):
+        values = np.reshape(np.asarray(value, dtype=float), (-1, 1))
+        if np.any(values > setup.workspace.reach(setup.cable.length)):
+            raise TargetError("out of reach")
+        return values
+
+    def outcome(self, path_xy):
+        return np.linalg.norm(path_xy, axis=-1).max(axis=-1, keepdims=True)
+
+    def lost(self, path_xy, setup):
+        return np.isnan(path_xy).any(axis=(-1, -2))
+
+
+class InSpace(Farthest):
+    """A point in space: three numbers."""
+
+    name = "in space"
+    coordinates = ("x", "y", "z")
+
+    def scale(self, setup):
+        return np.full(3, setup.cable.length)
+
+
+def test_a_landing_is_the_last_point_of_a_path_and_lost_off_the_table():
+    path = np.array(
+        [[[0.0, 0.9], [0.3, 1.1]], [[0.0, 0.9], [0.3, 1.6]], [[0.0, 0.9], [np.nan] * 2]]
+    )
+    np.testing.assert_array_equal(LANDING.outcome(path)[:2], [[0.3, 1.1], [0.3, 1.6]])
+    np.testing.assert_array_equal(LANDING.lost(path, SETUP), [False, True, True])
+
+
+def test_a_miss_is_the_distance_in_cable_lengths_and_a_hit_within_the_tolerance():
+    length = SETUP.cable.length
+    (goal,) = LANDING.goals(SETUP, [0.3, 1.1], within_pct=5.0)
+    outcomes = goal.value + length * np.array([[0.03, 0.04], [0.0301, 0.04], [np.nan, 0.0]])
+    np.testing.assert_allclose(goal.miss(outcomes)[:2], [0.05, 0.0501], rtol=2e-3)
+    np.testing.assert_array_equal(goal.hit(outcomes - [1e-6, 0.0]), [True, False, False])
+    assert goal.is_same([0.3, 1.1])
+    assert not goal.is_same([0.3, 1.101])
+
+
+def test_outcomes_of_another_dimension_are_refused():
+    with pytest.raises(InputError, match=r"landing have shape \(3,\): it must be \[\.\.\., 2\]"):
+        LANDING.miss([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], SETUP)
+
+
+def test_a_tolerance_out_of_bounds_is_refused():
+    with pytest.raises(InputError, match="within_pct"):
+        LANDING.goals(SETUP, [0.3, 1.1], within_pct=0.0)
+
+
+def test_a_task_of_ones_own_has_goals_misses_and_hits():
+    task = Farthest()
+    near, far = task.goals(SETUP, [0.9, 1.2], within_pct=10.0)
+    path = np.array([[0.0, 0.5], [0.6, 0.8], [0.1, 0.7]])
+    assert near.miss(task.outcome(path)) == pytest.approx(0.1 / SETUP.cable.length)
+    assert not far.hit(task.outcome(path))
+    with pytest.raises(TargetError):
+        task.goals(SETUP, [9.0])
+
+
+@pytest.mark.parametrize("task", [Farthest(), LANDING, InSpace()], ids=lambda task: task.name)
+@pytest.mark.parametrize("offset", [0.0, 0.05])
+def test_the_chance_to_hit_is_that_of_a_t_distribution_in_any_dimension(task, offset):
+    count = len(task.coordinates)
+    rng = np.random.default_rng(3)
+    root = 0.04 * (np.eye(count) + 0.3 * rng.normal(size=(count, count)))
+    value = np.full(count, 0.9)
+    goal = Goal(task=task, setup=SETUP, value=value, within_pct=8.0)
+    expected = Expectation(
+        mean=value + offset,
+        covariance=root @ root.T,
+        law=MissLaw(scale=1.3, freedom=5.0),
+        scatter=0.0,
+    )
+    shape = expected.spread * (5.0 - 2.0) / 5.0
+    draws = scipy.stats.multivariate_t(expected.mean, shape, df=5.0, seed=rng).rvs(DRAW_COUNT)
+    share = np.mean(goal.hit(np.reshape(draws, (-1, count))))
+    assert expected.hit_chance(goal) == pytest.approx(share, abs=SHARE_TOLERANCE)
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3, 5])
+@pytest.mark.parametrize("probability", [0.1, 0.5, 0.9, 0.99])
+def test_the_probability_of_a_region_inverts_its_square(probability, dimension):
+    law = MissLaw.after([0.3, 4.0], dimension)
+    square = law.square(probability, dimension)
+    assert law.probability(square, dimension) == pytest.approx(probability)
+
+
+def test_the_papers_targets_can_all_be_asked_for():
+    np.testing.assert_array_equal(LANDING.values(SETUP, load_targets()), load_targets())
+
+
+def test_targets_beyond_the_side_of_a_turned_table_are_refused_with_its_edges():
+    table = Workspace(table_width=2.0, table_depth=1.2, table_yaw_deg=90.0)
+    turned = dataclasses.replace(SETUP, workspace=table)
+    np.testing.assert_array_equal(LANDING.values(turned, [0.5, 1.2]), [[0.5, 1.2]])
+    with pytest.raises(TargetError, match=r"\|x\| <= 0\.6 m and 0 <= y <= 2 m.*x = 0\.700"):
+        LANDING.values(turned, [0.7, 1.0])
+
+
+def test_radians_for_degrees_are_noticed_where_nobody_types_such_degrees():
+    with pytest.warns(UserWarning, match=r"theta_deg = 0\.29147 .* rad would be 16\.7 degrees"):
+        LANDING.values(SETUP, r=1.1, theta_deg=np.radians(16.7))
+    for typed in (0.29, 1.5, 0.0, 16.7, np.degrees(0.29)):
+        LANDING.values(SETUP, r=1.1, theta_deg=typed)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({}, "either target_xy or r and theta_deg"),
+        ({"value": [0.0, 1.0], "r": 1.0, "theta_deg": 0.0}, "either target_xy or r"),
+        ({"value": [0.0, 1.0], "r": 1.0}, "either target_xy or r"),
+        ({"r": 1.0}, "both r and theta_deg"),
+        ({"theta_deg": 1.0}, "both r and theta_deg"),
+        ({"r": "far", "theta_deg": 1.0}, "r = 'far' must be numbers"),
+        ({"r": [1.0, 1.1], "theta_deg": [0.0, 1.0, 2.0]}, "which do not match"),
+        ({"r": [[1.0]], "theta_deg": 0.0}, r"it must be \[target\]"),
+        ({"value": [0.0, 1.0, 2.0]}, r"shape \(3,\): it must be \[2\] or \[target, 2\]"),
+        ({"value": np.zeros((1, 1, 2))}, r"it must be \[2\] or \[target, 2\]"),
+        ({"value": "there"}, "target_xy = 'there' must be numbers"),
+        ({"value": 1.0}, r"it must be \[2\]"),
+    ],
+    ids=str,
+)
+def test_targets_in_another_form_are_refused(asked, words):
+    with pytest.raises(InputError, match=words) as caught:
+        LANDING.values(SETUP, **asked)
+    assert not isinstance(caught.value, TargetError)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"r": -1.0, "theta_deg": 180.0}, "r = -1 m must not be negative"),
+        ({"r": np.nan, "theta_deg": 0.0}, "r = nan m, theta = 0 deg must be finite"),
+        ({"r": 1.0, "theta_deg": np.inf}, "theta = inf deg must be finite"),
+        ({"r": [1.0, np.inf], "theta_deg": 0.0}, "r = inf m"),
+        ({"value": [np.nan, 1.0]}, "is not finite"),
+        ({"value": [0.0, np.inf]}, "is not finite"),
+        (
+            {"value": [1.2, 1.2]},
+            r"r = 1\.697 m, theta = 45\.0 deg is out of reach: r must be at most 1\.560 m",
+        ),
+        ({"r": 1.7, "theta_deg": 0.0}, "out of reach"),
+        ({"value": [0.0, 1.55]}, r"off the table.*y = 1\.550"),
+        ({"value": [1.4, 0.1]}, r"off the table.*x = 1\.400"),
+        ({"value": [0.5, -0.1]}, "off the table"),
+        ({"value": [[0.2, 1.0], [0.0, 9.0]]}, "out of reach"),
+    ],
+    ids=str,
+)
+def test_targets_that_no_motion_can_reach_are_refused(asked, words):
+    with pytest.raises(TargetError, match=words):
+        LANDING.values(SETUP, **asked)
+
+
+LAWS = [MissLaw(), MissLaw.after([0.2, 5.0]), MissLaw.after([9.0] * 30)]
+
+
+@pytest.mark.parametrize("probability", [0.1, 0.5, 0.9, 0.99])
+@pytest.mark.parametrize("law", LAWS)
+def test_regions_are_those_of_a_t_distribution_with_the_stated_covariance(law, probability):
+    # d' S^-1 d / 2 follows Fisher's F with 2 and n degrees of freedom, and the covariance is
+    # S n / (n - 2).
+    scale = (law.freedom - 2.0) / law.freedom
+    expected = 2.0 * scale * scipy.stats.f.ppf(probability, 2, law.freedom)
+    np.testing.assert_allclose(law.square(probability), expected, rtol=1e-12)
+
+
+def test_a_miss_changes_the_belief_as_bayes_rule_says():
+    """A whole cast's worth of misses: the marginal of an inverse gamma belief about the factor."""
+    squares = [0.3, 4.0, 1.1, 2.0]
+    prior, weight = MissLaw(), MISS_WEIGHT
+    freedom, total = prior.freedom, prior.freedom - 2.0
+    factors = np.geomspace(1e-4, 1e4, 20001)
+    density = scipy.stats.invgamma.pdf(factors, freedom / 2, scale=total / 2)
+    for square in squares:
+        # A miss in the plane is Gaussian given the factor.
+        density *= (np.exp(-0.5 * square / factors) / factors) ** weight
+    mean = np.trapezoid(factors * density, factors) / np.trapezoid(density, factors)
+    law = MissLaw.after(squares)
+    np.testing.assert_allclose(law.scale, mean, rtol=1e-3)
+    assert law.freedom == freedom + 2.0 * weight * len(squares)
+
+
+def test_misses_of_a_usual_size_change_nothing_but_how_sure_the_law_is():
+    law = MissLaw.after([2.0] * 8)
+    np.testing.assert_allclose(law.scale, 1.0)
+    assert law.square(0.99) < MissLaw().square(0.99)
+
+
+def test_only_the_last_misses_count():
+    assert MissLaw.after([100.0] * 5 + [1.0] * MISS_MEMORY) == MissLaw.after([1.0] * 20)
+
+
+@pytest.mark.parametrize("probability", [0.0, 1.0, np.nan])
+def test_a_probability_out_of_bounds_is_named(probability):
+    with pytest.raises(InputError, match="probability"):
+        MissLaw().square(probability)
