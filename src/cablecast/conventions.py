@@ -1,4 +1,4 @@
-"""Frames, polar coordinates, the mirror image, ellipses, gravity, and random streams by name.
+"""Frames, polar coordinates, the mirror, ellipses, gravity, and the register of random streams.
 
 The robot base is at (0, 0); y points away from the robot over the table, x to the right, z up, and
 the table's surface is z = 0. theta is measured from the y axis, positive to the right (clockwise

@@ -9,12 +9,11 @@ import pytest
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.errors import InputError, RigError
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.measured import grip_path_from_joints
+from cablecast.motion.measured import SAMPLES_MIN, grip_path_from_joints
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.checked import (
     DESCRIPTION_SIZE_MAX,
     END_TIME_MAX,
-    REPORT_COUNT_MIN,
     SAMPLE_COUNT_MAX,
     check_description,
     check_picture,
@@ -208,7 +207,7 @@ def test_what_a_real_trial_can_give_is_taken(name, good, cast, setup):
 
 def test_the_fewest_reports_that_are_taken_are_enough_for_a_fit(good, cast, setup):
     count = len(good.joint_path.times)
-    chosen = np.linspace(0, count - 1, REPORT_COUNT_MIN).astype(int)
+    chosen = np.linspace(0, count - 1, SAMPLES_MIN).astype(int)
     few = some_joints(good, chosen)
     assert check_track(few, cast, setup) is few
     assert np.isfinite(grip_path_from_joints(few.joint_path, setup.arm).duration).all()

@@ -11,6 +11,7 @@ import json
 import os
 import pathlib
 import typing
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -198,7 +199,12 @@ class _Recording:
                     f"trials {batch[0]} to {batch[-1]} failed because: {error}. The same command "
                     "resumes with them"
                 ) from error
-            except Exception:
+            except Exception as error:
+                warnings.warn(
+                    f"trials {batch[0]} to {batch[-1]} failed together and are made one by one: "
+                    f"{error or type(error).__name__}",
+                    stacklevel=2,
+                )
                 tracks = [None] * len(batch)
         failed = []
         for index, motion, track in zip(batch, motions, tracks, strict=True):

@@ -26,8 +26,8 @@ _REST_TOLERANCE = 1e-4
 _REST_TIME = 0.1
 # A piece with fewer samples would follow their noise.
 _PIECE_SAMPLES_MIN = 4
-# Fewer samples cannot separate a motion from its noise.
-_SAMPLES_MIN = 16
+SAMPLES_MIN = 16
+"""Fewest samples of a measured motion: fewer cannot separate it from its noise."""
 
 
 def grip_path_from_joints(joint_path: JointPath, arm: Arm) -> GripPath:
@@ -67,9 +67,9 @@ def _fit_path(times: NDArray[np.float64], poses: NDArray[np.float64], what: str)
         )
     used = times >= 0.0
     times, poses = times[used], poses[used]
-    if len(times) < _SAMPLES_MIN:
+    if len(times) < SAMPLES_MIN:
         raise InputError(
-            f"{len(times)} samples of measured {what} are too few: a path needs {_SAMPLES_MIN}"
+            f"{len(times)} samples of measured {what} are too few: a path needs {SAMPLES_MIN}"
         )
     poses[:, 3] = np.unwrap(poses[:, 3])
     noise = _noise(times, poses)
@@ -78,7 +78,7 @@ def _fit_path(times: NDArray[np.float64], poses: NDArray[np.float64], what: str)
     moving = np.flatnonzero(~at_rest)
     last = int(moving[-1]) if len(moving) else 0
     end = int(np.searchsorted(times, times[last] + _REST_TIME, side="right"))
-    used = slice(0, max(end, _SAMPLES_MIN))
+    used = slice(0, max(end, SAMPLES_MIN))
     # False where the samples stop while the arm still moves.
     rests = times[used][-1] - times[last] > _REST_TIME / 2
     times, poses = times[used], poses[used]

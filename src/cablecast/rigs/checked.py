@@ -28,6 +28,7 @@ from cablecast.errors import (
     check_count,
     check_number,
 )
+from cablecast.motion.measured import SAMPLES_MIN
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at
 from cablecast.rigs.base import Rig, RigLifecycle, error_line, foreign_code, purpose_seed
 from cablecast.setup import Setup
@@ -61,8 +62,6 @@ JOINT_LAG_MAX = 0.3
 """Longest time by which joints trail their set points [s]."""
 JOINT_OFFSET_MAX = 0.5
 """Largest distance of joints from their set points beside that lag [rad]."""
-REPORT_COUNT_MIN = 16
-"""Fewest reports of the joints during a trial: a gripper's path is not fitted to fewer."""
 
 _DEPTH_MAX = 20
 _CLOCK_TOLERANCE = 1e-3
@@ -533,10 +532,10 @@ def _check_joints(joints: JointPath, trajectory: Trajectory, end: float, arm: Ar
     if command is None:
         return
     during = joints.times[joints.times >= 0.0]
-    if len(during) < REPORT_COUNT_MIN:
+    if len(during) < SAMPLES_MIN:
         raise RigError(
             f"the rig reports joints at {len(during)} times since the motion began: at least "
-            f"{REPORT_COUNT_MIN}, or None for no report"
+            f"{SAMPLES_MIN}, or None for no report"
         )
     off = _offsets(joints, command)
     tick, joint = np.unravel_index(int(np.argmax(off)), off.shape)

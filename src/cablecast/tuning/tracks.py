@@ -1,6 +1,7 @@
 """Measured tracks of D_tune, and their distance to simulated ones (paper, equation 4)."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +136,14 @@ class MeasuredTracks:
                 xy[row] = np.nan
         xy[times <= 0.0] = np.nan
         if path_source == "auto":
-            path_source = "measured" if has_measured_motion(dataset) else "commanded"
+            missing = [row for row in range(len(dataset)) if not has_measured_motion(dataset, row)]
+            path_source = "commanded" if missing else "measured"
+            if 0 < len(missing) < len(dataset):
+                warnings.warn(
+                    f"{len(missing)} of {len(dataset)} trials have no measured motion, first trial "
+                    f"{missing[0]}: the commanded motion of all is taken",
+                    stacklevel=2,
+                )
         return cls(
             path_source=path_source,
             grip_path=_grip_paths(dataset, count, path_source),
@@ -164,12 +172,9 @@ def has_measured_joints(dataset: Dataset) -> bool:
     return all(dataset.measured_joints(row) is not None for row in range(len(dataset)))
 
 
-def has_measured_motion(dataset: Dataset) -> bool:
-    """Return whether the joints of every trial were reported, or its grip tracked."""
-    return all(
-        dataset.measured_joints(row) is not None or dataset.measured_poses(row) is not None
-        for row in range(len(dataset))
-    )
+def has_measured_motion(dataset: Dataset, row: int) -> bool:
+    """Return whether the joints of a trial were reported, or its grip tracked."""
+    return dataset.measured_joints(row) is not None or dataset.measured_poses(row) is not None
 
 
 def _grip_paths(dataset: Dataset, count: int, source: str) -> GripPath:

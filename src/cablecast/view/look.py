@@ -1,6 +1,5 @@
 """Casts as they are drawn, measured or simulated, and the folders that they are read from."""
 
-import contextlib
 import dataclasses
 import math
 import os
@@ -16,7 +15,7 @@ from cablecast.data.schema import INFO_PATH, read_info
 from cablecast.data.store import CastStore, dataset_cast
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import DatasetError, InputError, check_count
+from cablecast.errors import DamagedFileError, DatasetError, InputError, check_count
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at, plan_trajectory
 from cablecast.pipeline.aim import FITS_FOLDER, SESSION_FOLDER
@@ -320,6 +319,10 @@ def _collection(
     for place in (path.resolve().parent / TUNE_FOLDER, path / TUNE_FOLDER, *later):
         if (place / PARAMS_FILE).exists():
             # What lies beside the casts may be of another cable.
-            with contextlib.suppress(InputError):
+            try:
                 tuned = load_tuned(place, dataset.setup).dynamics
+            except DamagedFileError:
+                raise
+            except InputError:
+                continue
     return Collection(dataset=dataset, labels=tuple(labels), target_xy=targets, tuned=tuned)
