@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import json
 import pathlib
+import re
 
 import numpy as np
 import pytest
@@ -90,6 +91,68 @@ def test_a_stored_calibration_takes_the_place_of_the_tags(folder, tmp_path, caps
     assert "ok: " in capsys.readouterr().out
     first, again = (rows(f / "track.csv") for f in (folder / "out", tmp_path / "again"))
     assert first == again
+
+
+def changed(folder, path, change):
+    """Write the film again, each frame changed by its place in the film from 0 to 1."""
+    from cablecast.vision.video import read_video, write_video
+
+    info, frames = read_video(folder / "trial.mp4")
+    pictures = (change(image, i / info.frame_count) for i, (_, image) in enumerate(frames))
+    write_video(path, pictures, 60.0)
+    return path
+
+
+def bumped(image):
+    return np.roll(image, (10, 25), axis=(0, 1))
+
+
+# The shift is whole; an encoded film puts a tag's centre to some hundredths of a pixel.
+SHIFT_PX, SHIFT_TOLERANCE = np.hypot(25, 10), 0.3
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda image, share: bumped(image), r"camera was moved: 11 tags .* at the start of"),
+        (lambda image, share: image if share < 0.3 else bumped(image), r"11 tags .* in the middle"),
+        (lambda image, share: image if share < 0.7 else bumped(image), r"11 tags .* at the end"),
+        (lambda image, share: image[::-1, ::-1], r"at the start of .* are turned by 180 deg"),
+        (lambda image, share: 0 * image, r"only 0 of 11 tags are still seen at the start"),
+    ],
+)
+def test_a_film_whose_tags_are_not_where_the_calibration_saw_them_is_refused(
+    folder, change, words, tmp_path, capsys
+):
+    film = changed(folder, tmp_path / "bumped.mp4", change)
+    calibration = ["--calibration", folder / "out" / "calibration.json"]
+    said = refused([film, *calibration, "--out", tmp_path / "out"], capsys)
+    assert re.search(words, said)
+    if "camera was moved" in said:
+        px, mm = re.search(r"([\d.]+) px \(([\d.]+) mm on the table\)", said).groups()
+        assert float(px) == pytest.approx(SHIFT_PX, abs=SHIFT_TOLERANCE)
+        assert 30 < float(mm) < 60
+    assert not (tmp_path / "out" / "metrics.json").exists()
+
+
+def test_a_film_says_by_how_much_its_tags_are_off(folder):
+    metrics = json.loads((folder / "out" / "metrics.json").read_text())
+    assert metrics["tags_off_px"] < SHIFT_TOLERANCE
+    assert metrics["tags_off_mm"] < 2.0 * SHIFT_TOLERANCE
+    assert metrics["tags_moved"] == ""
+
+
+def test_a_single_tag_that_was_moved_is_named(folder, tmp_path, capsys):
+    file = tmp_path / "calibration.json"
+    values = json.loads((folder / "out" / "calibration.json").read_text())
+    values["corners"]["3"] = [[u + 8.0, v] for u, v in values["corners"]["3"]]
+    file.write_text(json.dumps(values))
+    said = refused([folder / "trial.mp4", "--calibration", file, "--out", tmp_path / "a"], capsys)
+    assert re.search(r"tags \[3\] were moved since .* \(3 by 8\.\d px, \d+\.\d mm\)", said)
+    del values["corners"]
+    file.write_text(json.dumps(values))
+    said = refused([folder / "trial.mp4", "--calibration", file, "--out", tmp_path / "a"], capsys)
+    assert "does not say where it saw the tags" in said
 
 
 def test_the_camera_of_a_lab_file_tells_what_no_option_says(film, folder, tmp_path, capsys):

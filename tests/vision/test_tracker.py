@@ -340,7 +340,7 @@ def test_a_marker_of_the_cable_s_own_hue_is_refused_with_another_tape(small_cali
 def small_calibration():
     """Return a camera with 1280 columns, and its calibration."""
     camera = VirtualCamera(dataclasses.replace(CameraConfig(), exposure=0.001).resized(1280))
-    return camera, Calibration(view=camera.view, rms_px=0.0, rms=0.0, tag_ids=())
+    return camera, Calibration(view=camera.view, rms_px=0.0, rms=0.0, corners={})
 
 
 EVEN = LightConfig(drift=0.0, flicker=0.0, step=0.0)

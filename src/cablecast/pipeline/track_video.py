@@ -16,17 +16,30 @@ from cablecast.camera.lens import VIEW_BOUNDS_DEG
 from cablecast.camera.settings import CameraSettings
 from cablecast.camera.tags import TagLayout
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.errors import DamagedFileError, InputError, check_argument_types, check_number
+from cablecast.errors import (
+    CameraError,
+    DamagedFileError,
+    InputError,
+    check_argument_types,
+    check_number,
+)
 from cablecast.files import read_csv, write_bytes, write_csv
 from cablecast.pipeline.camera import film_offset, read_log
 from cablecast.pipeline.places import folder_or_temporary
 from cablecast.runs.folder import METRICS_FILE, RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.setup import Setup
-from cablecast.vision.calibration import Board, Calibration, calibrate_lens, calibrate_view
+from cablecast.vision.calibration import (
+    Board,
+    Calibration,
+    TagShift,
+    calibrate_lens,
+    calibrate_view,
+    check_tags,
+)
 from cablecast.vision.clock import check_film_rate
 from cablecast.vision.end_tag import make_tracker
-from cablecast.vision.tags import load_cv2
+from cablecast.vision.tags import detect_tags, load_cv2
 from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, grab_of
 from cablecast.vision.trials import tags_of
 from cablecast.vision.video import (
@@ -44,6 +57,8 @@ PICTURE_FILE = "track.png"
 
 _COLUMNS = ("time_s", "x_m", "y_m")
 _CALIBRATION_FRAMES = 12
+_TAGS_STRIDE, _TAGS_LOOKS = 60, 9
+"""Frames from one look for the tags to the next, and looks in a film of few frames."""
 _CAMERA = CameraSettings(source="film")
 """Camera where there is no lab file with one: its angle of view and marker are the usual ones."""
 
@@ -155,6 +170,7 @@ def track_video(
         progress: Called with the number of frames done.
 
     Raises:
+        CameraError: The camera was moved since its calibration, or in the film.
         InputError: There is no such video, it does not fit the calibration, or a value is out of
             bounds.
         MissingExtraError: OpenCV is not installed.
@@ -183,9 +199,9 @@ def track_video(
         if done is not None:
             progress(Progress(task=f"Tracking {video.name}", note=DONE_NOTE))
             return VideoTrack(track=_read_track(run, done), metrics=done)
-        tracker, calibration, image = _track(video, setup, config, progress)
+        tracker, calibration, shift, image = _track(video, setup, config, progress)
         with run.locked():
-            track, metrics = tracker.track(), _metrics(tracker, calibration)
+            track, metrics = tracker.track(), _metrics(tracker, calibration, shift)
             if out is not None:
                 _write_files(run, tracker, calibration, image)
                 metrics["track_sha256"] = _digest(run.path / TRACK_FILE)
@@ -209,16 +225,16 @@ def _digest(path: pathlib.Path | None) -> str | None:
 
 def _track(
     video: pathlib.Path, setup: Setup, config: TrackConfig, progress: ProgressCallback
-) -> tuple[EndpointTracker, Calibration, Any]:
-    """Return the tracker that has seen all frames, the calibration, and the last frame."""
+) -> tuple[EndpointTracker, Calibration, TagShift, Any]:
+    """Return the tracker that has seen all frames, the calibration, its check, and the last frame.
+
+    The check is that of the part of the film in which the tags are farthest from their places.
+    """
     calibration = _calibrate(video, setup, config, progress)
     info, frames = read_video(video)
-    lens = calibration.view.lens
-    if (info.width, info.height) != (lens.width, lens.height):
-        raise InputError(
-            f"{video} has {info.width} x {info.height} px, but the camera was calibrated with "
-            f"{lens.width} x {lens.height} px"
-        )
+    # A film that does not say its length may be long.
+    stride = info.frame_count // _TAGS_LOOKS if info.frame_count else _TAGS_STRIDE
+    stride, looks = min(max(stride, 1), _TAGS_STRIDE), []
     camera = setup.camera or _CAMERA
     length, width = config.marker or camera.marker
     hue = camera.marker_hue if config.marker_hue is None else config.marker_hue
@@ -255,6 +271,8 @@ def _track(
         if config.end is not None and pace * time - start > config.end:
             break
         tracker.update(pace * time - start, grab_of(image))
+        if (count - 1) % stride == 0:
+            looks.append(detect_tags(image, calibration.family))
         if count % 60 == 0:
             total = max(info.frame_count, count)
             progress(Progress(task=task, done=count, total=total, unit="frames"))
@@ -265,21 +283,45 @@ def _track(
         )
     if config.rate is None and config.log is None:
         check_film_rate(*tracker.frames, info.rate)
-    return tracker, calibration, image
+    # In the median of a third, a camera that shakes while the arm moves is where it was.
+    thirds = [[looks[i] for i in part] for part in np.array_split(np.arange(len(looks)), 3)]
+    shifts = [
+        check_tags(third, calibration, f" {where} of {video}", "cut the film there, or film anew")
+        for third, where in zip(
+            thirds, ("at the start", "in the middle", "at the end"), strict=True
+        )
+        if third
+    ]
+    return tracker, calibration, max(shifts, key=lambda shift: shift.px), image
 
 
 def _calibrate(
     video: pathlib.Path, setup: Setup, config: TrackConfig, progress: ProgressCallback
 ) -> Calibration:
     """Return the calibration that was given, or one from the tags in the video."""
-    if config.calibration is not None:
-        return Calibration.load(config.calibration)
-    camera, layout = setup.camera or _CAMERA, tags_of(setup)
-    if config.tags is not None:
-        layout = TagLayout.load(config.tags)
     progress(Progress(task="Looking for tags in the video"))
     info, frames = read_video(video)
     pictures = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
+    if config.calibration is not None:
+        calibration = Calibration.load(config.calibration)
+        lens = calibration.view.lens
+        if (info.width, info.height) != (lens.width, lens.height):
+            raise InputError(
+                f"{video} has {info.width} x {info.height} px, but the camera was calibrated with "
+                f"{lens.width} x {lens.height} px"
+            )
+        found = [detect_tags(image, calibration.family) for image in pictures]
+        advice = "leave --calibration out, and the tags in the film calibrate it"
+        shift = check_tags(found, calibration, f" at the start of {video}", advice)
+        if shift.moved:
+            raise CameraError(
+                f"tags {list(shift.moved)} were moved since {config.calibration} was made "
+                f"({shift.moved_words}): {advice}"
+            )
+        return calibration
+    camera, layout = setup.camera or _CAMERA, tags_of(setup)
+    if config.tags is not None:
+        layout = TagLayout.load(config.tags)
     known, lens = camera.lens, None
     if config.board is not None:
         images = read_pictures(config.board)
@@ -294,7 +336,7 @@ def _calibrate(
     return calibrate_view(pictures, layout, lens=lens, diagonal_view=math.radians(degrees))
 
 
-def _metrics(tracker: EndpointTracker, calibration: Calibration) -> dict[str, Any]:
+def _metrics(tracker: EndpointTracker, calibration: Calibration, shift: TagShift) -> dict[str, Any]:
     track = tracker.track()
     times, xy = tracker.frames
     landed = track.final_xy
@@ -310,6 +352,9 @@ def _metrics(tracker: EndpointTracker, calibration: Calibration) -> dict[str, An
         "tags_used": len(calibration.tag_ids),
         "tags_rejected": list(calibration.rejected_ids),
         "tags_turned": calibration.turned,
+        "tags_off_px": shift.px,
+        "tags_off_mm": 1e3 * shift.table,
+        "tags_moved": shift.moved_words,
     }
 
 

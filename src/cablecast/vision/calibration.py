@@ -8,15 +8,15 @@ made up for by a wrong height, and only points above the table's plane notice.
 
 import dataclasses
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.lens import CameraView, Lens
-from cablecast.camera.tags import TAG_COUNTS, TagLayout, tag_family
-from cablecast.errors import InputError, check_count, check_number
+from cablecast.camera.tags import FAMILY, TAG_COUNTS, TagLayout, tag_family
+from cablecast.errors import CameraError, InputError, check_count, check_number
 from cablecast.files import read_json, write_json
 from cablecast.vision.tags import detect_tags, dictionary_of, family_seen, load_cv2, to_grey
 
@@ -26,6 +26,14 @@ VIEW_COUNT_MIN = 5
 """Fewest pictures of a board that determine the lens."""
 _OUTLIER_PX = 3.0
 """Largest miss of a tag's corners [px]: one that misses by more was moved, or half covered."""
+_TAG_MOVE_MAX = 3.0
+"""Longest way of a tag's centre since the calibration that is no move, but noise [px]."""
+_VIEW_MOVE_MAX = 1.0
+"""Longest way that most tags have gone together [px]."""
+_TAGS_SEEN_MIN = 0.5
+"""Smallest share of the tags of the calibration that are still seen."""
+_TURN_OFF = 0.2
+"""Largest miss of tags by a picture that is turned, as a share of its width."""
 _BOARD_SPREAD_MIN = 0.35
 """Smallest share of the image's width over which all pictures together must show the board."""
 _BOARD_MOVE_MIN = 0.005
@@ -44,6 +52,10 @@ _TILT_ADVICE = (
     "take pictures with the board tilted by 20 to 40 degrees, to the left, right, front and back, "
     "and with it in the corners of the picture"
 )
+
+
+FoundTags = Mapping[int, NDArray[np.float64]]
+"""Corners of the tags in a picture by their numbers [px], from `detect_tags`."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -131,7 +143,9 @@ class Calibration:
         rms_px: Root mean square distance between where tags' corners were seen and where this
             calibration puts them [px].
         rms: Root mean square of that distance on the table [m].
-        tag_ids: Numbers of the tags that were used.
+        corners: Corners of the tags that were used, where they were seen, by the numbers of the
+            tags [px], shape [4, 2] as nested tuples.
+        family: Family of the tags.
         rejected_ids: Numbers of tags that were seen where the layout does not have them.
         turned: Whether the tags are turned by 180 degrees against the pictures that the installed
             OpenCV draws; those of the AprilTag library are, up to OpenCV 5.0.
@@ -140,9 +154,15 @@ class Calibration:
     view: CameraView
     rms_px: float
     rms: float
-    tag_ids: tuple[int, ...]
+    corners: dict[int, tuple[tuple[float, float], ...]]
+    family: str = FAMILY
     rejected_ids: tuple[int, ...] = ()
     turned: bool = False
+
+    @property
+    def tag_ids(self) -> tuple[int, ...]:
+        """Numbers of the tags that were used."""
+        return tuple(self.corners)
 
     def save(self, path: pathlib.Path) -> None:
         """Write the calibration as JSON."""
@@ -159,12 +179,45 @@ class Calibration:
                 rotation=tuple(tuple(row) for row in view["rotation"]),
                 position=tuple(view["position"]),
             )
-            for name in ("tag_ids", "rejected_ids"):
-                values[name] = tuple(values[name])
+            if "corners" not in values:
+                raise InputError("it does not say where it saw the tags, so calibrate anew")
+            values["corners"] = {
+                int(tag_id): tuple((float(u), float(v)) for u, v in quad)
+                for tag_id, quad in values["corners"].items()
+            }
+            values["rejected_ids"] = tuple(values["rejected_ids"])
             return cls(**values)
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             reason = repr(error) if isinstance(error, (KeyError, AttributeError)) else error
             raise InputError(f"{path} is no calibration of a camera: {reason}") from None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TagShift:
+    """Distance between where tags are seen and where their calibration saw them.
+
+    Attributes:
+        px: Distance in the picture, in the median of the tags [px].
+        table: Distance on the table, in the median of the tags [m].
+        moved: Distances in the picture [px] and on the table [m] of tags that were moved by
+            themselves, by their numbers.
+    """
+
+    px: float
+    table: float
+    moved: dict[int, tuple[float, float]]
+
+    @property
+    def words(self) -> str:
+        """Distances for a person."""
+        return f"{self.px:.1f} px ({1e3 * self.table:.1f} mm on the table)"
+
+    @property
+    def moved_words(self) -> str:
+        """Tags that were moved, for a person; empty without any."""
+        return ", ".join(
+            f"{i} by {px:.1f} px, {1e3 * way:.1f} mm" for i, (px, way) in self.moved.items()
+        )
 
 
 def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> LensFit:
@@ -342,7 +395,7 @@ def calibrate_view(
     """
     if not images:
         raise InputError("a calibration needs at least one picture")
-    seen = average_tags(images, layout)
+    seen = _median_tags([detect_tags(image, layout.family) for image in images], layout.corners)
     height, width = images[0].shape[:2]
     if lens is not None and (lens.width, lens.height) != (width, height):
         raise InputError(
@@ -382,7 +435,8 @@ def calibrate_view(
         view=view,
         rms_px=float(np.sqrt(np.mean(miss**2))),
         rms=float(np.sqrt(np.mean(np.sum(on_table**2, axis=1)))),
-        tag_ids=tuple(ids),
+        corners={i: tuple(map(tuple, seen[i].tolist())) for i in ids},
+        family=layout.family,
         rejected_ids=tuple(sorted(rejected)),
         turned=bool(turned),
     )
@@ -412,14 +466,59 @@ def _fit_view(
     return _view(fitted, rvecs[0], tvecs[0])
 
 
-def average_tags(
-    images: Sequence[NDArray[np.uint8]], layout: TagLayout
+def _median_tags(
+    found: Sequence[FoundTags], tag_ids: Collection[int]
 ) -> dict[int, NDArray[np.float64]]:
-    """Return median corners of each tag of the layout over the pictures that show it [px]."""
-    found = [detect_tags(image, layout.family) for image in images]
-    quads = {tag.id: [seen[tag.id] for seen in found if tag.id in seen] for tag in layout.tags}
+    """Return median corners of each of some tags over the pictures that show it [px]."""
+    quads = {tag_id: [seen[tag_id] for seen in found if tag_id in seen] for tag_id in tag_ids}
     # The median: an arm that passes over a tag's rim spoils a few pictures, not most.
     return {tag_id: np.median(seen, axis=0) for tag_id, seen in quads.items() if seen}
+
+
+def check_tags(
+    found: Sequence[FoundTags], calibration: Calibration, where: str, advice: str
+) -> TagShift:
+    """Return how far tags are from where their calibration saw them.
+
+    Args:
+        found: Tags in pictures of the same camera, from `detect_tags`.
+        calibration: Calibration of the camera.
+        where: Place of the pictures, for errors; may be empty.
+        advice: What to do if the camera was moved.
+
+    Raises:
+        CameraError: The camera was moved, the pictures are turned, or too few tags are seen.
+    """
+    seen = _median_tags(found, calibration.tag_ids)
+    if len(seen) < _TAGS_SEEN_MIN * len(calibration.tag_ids):
+        raise CameraError(
+            f"only {len(seen)} of {len(calibration.tag_ids)} tags are still seen{where}: clear "
+            "what covers them, and switch automatic focus off"
+        )
+    view = calibration.view
+    now = np.array([quad.mean(axis=0) for quad in seen.values()]).reshape(-1, 2)
+    before = np.array([calibration.corners[i] for i in seen]).reshape(-1, 4, 2).mean(axis=1)
+    ways = np.linalg.norm(now - before, axis=1)
+    on_table = np.linalg.norm(view.to_table(now) - view.to_table(before), axis=1)
+    moved = {i: at for at, i in enumerate(seen) if ways[at] > _TAG_MOVE_MAX}
+    shift = TagShift(
+        px=float(np.median(ways)),
+        table=float(np.nanmedian(on_table)),
+        moved={i: (float(ways[at]), float(on_table[at])) for i, at in moved.items()},
+    )
+    # Noise moves one tag, and not most of them.
+    if shift.px > _VIEW_MOVE_MAX:
+        turned = [view.lens.width - 1, view.lens.height - 1] - before
+        if np.median(np.linalg.norm(now - turned, axis=1)) < _TURN_OFF * view.lens.width:
+            raise CameraError(
+                f"the pictures{where} are turned by 180 deg against those of the calibration, so "
+                f"that {len(seen)} tags are seen {shift.words} from where they were: {advice}"
+            )
+        raise CameraError(
+            f"the camera was moved: {len(seen)} tags are seen{where} {shift.words} from where they "
+            f"were calibrated: {advice}"
+        )
+    return shift
 
 
 def _lens_from_opencv(width: int, height: int, K: Any, distortion: Any) -> Lens:

@@ -16,7 +16,7 @@ from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import CameraError
 from cablecast.motion.trajectory import JointPath
 from cablecast.setup import Setup
-from cablecast.vision.calibration import Calibration, average_tags, calibrate_view
+from cablecast.vision.calibration import Calibration, calibrate_view, check_tags
 from cablecast.vision.clock import CastClock, ClockOffset, controller_shift
 from cablecast.vision.end_tag import make_tracker
 from cablecast.vision.grip import is_held, turned_into_sight
@@ -34,12 +34,6 @@ from cablecast.vision.video import FilmWriter
 _CALIBRATION_FRAMES = 8
 _CHECK_FRAMES = 6
 _LOCATE_FRAMES = 3
-_TAG_MOVE_MAX = 3.0
-"""Longest way of a tag's centre since the calibration that is no move, but noise [px]."""
-_VIEW_MOVE_MAX = 1.0
-"""Longest way that most tags have gone together [px]."""
-_TAGS_SEEN_MIN = 0.5
-"""Smallest share of the tags of the calibration that are still seen."""
 _APART_MAX = 60.0
 """Largest distance of two times of one trial by both clocks, if these have been compared [s]."""
 _LATENCY_MAX = 0.25
@@ -165,9 +159,6 @@ class CameraOfTrials:
         self._tracker = self._new_tracker(self._start_xy)
         self._sight = CameraSight(position=self.calibration.view.position)
         self._usual = Brightness.of(images[-1])
-        # Another tag of the family, such as one on the cable's end, may move.
-        seen = average_tags(images, tags_of(setup))
-        self._tags = {tag_id: seen[tag_id] for tag_id in self.calibration.tag_ids}
         self.description: dict[str, Any] = {
             "camera": self._camera.facts.kind,
             **self.settings.to_dict(),
@@ -189,27 +180,13 @@ class CameraOfTrials:
         frames = self._fresh(_CHECK_FRAMES, after)
         for frame in frames:
             watch.look(frame)
-        seen = detect_tags(frames[-1].image, tags_of(self.setup).family)
-        common = sorted(set(seen) & set(self._tags))
-        if len(common) < _TAGS_SEEN_MIN * len(self._tags):
+        seen = detect_tags(frames[-1].image, self.calibration.family)
+        advice = "Start anew, so that it is calibrated in its new place"
+        shift = check_tags([seen], self.calibration, "", advice)
+        if shift.moved:
             raise CameraError(
-                f"only {len(common)} of {len(self._tags)} tags are still seen: clear what covers "
-                "them, and switch automatic focus off"
-            )
-        ways = np.array([np.mean(seen[i] - self._tags[i], axis=0) for i in common])
-        far = np.linalg.norm(ways, axis=1)
-        moved = [tag_id for tag_id, way in zip(common, far, strict=True) if way > _TAG_MOVE_MAX]
-        # Noise moves one tag, and not most of them the same way.
-        shift = float(np.linalg.norm(np.median(ways, axis=0)))
-        if len(moved) > len(common) / 2 or shift > _VIEW_MOVE_MAX:
-            raise CameraError(
-                f"the camera was moved: {len(common)} tags are seen {np.median(far):.1f} px from "
-                "where they were. Start anew, so that it is calibrated in its new place"
-            )
-        if moved:
-            raise CameraError(
-                f"tags {moved} were moved since the camera was calibrated: put them back, or "
-                "measure their new places and start anew"
+                f"tags {list(shift.moved)} were moved since the camera was calibrated "
+                f"({shift.moved_words}): put them back, or measure their new places and start anew"
             )
 
     def start(self) -> None:
