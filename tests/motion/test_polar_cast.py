@@ -16,6 +16,7 @@ from cablecast.motion.polar import (
     PolarReach,
     Swing,
     plan_polar_cast,
+    plan_reset,
     polar_cast_path,
     reset_pose,
 )
@@ -125,6 +126,15 @@ def test_the_motion_starts_at_the_reset_pose_and_ends_a_cable_length_before_the_
     np.testing.assert_allclose(first, reset_pose(WORKSPACE), atol=1e-12)
     np.testing.assert_allclose(last[:2], polar_to_xy([1.2 - CABLE.length, 0.5]), atol=1e-9)
     assert last[3] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("target", [(float("nan"), 1.0), (0.0, float("inf")), (1.0,)])
+def test_a_target_that_is_no_point_is_refused_in_one_line(target):
+    for plan in (polar_cast_path, plan_polar_cast):
+        with pytest.raises(InputError, match=r"target \(.*\) must be 2 finite numbers"):
+            plan(target, Setup())
+    with pytest.raises(InputError, match="must be 5 finite numbers"):
+        plan_reset([float("nan"), 0.5, 0.02, 0.0, 0.0], Setup())
 
 
 def test_a_place_beyond_reach_is_refused_by_its_bounds():

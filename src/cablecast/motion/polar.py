@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.conventions import GRAVITY, polar_to_xy, xy_to_polar
-from cablecast.errors import InputError, JointLimitError
+from cablecast.errors import InputError, JointLimitError, TargetError
 from cablecast.motion.grip_path import GripPath, PlanePath
 from cablecast.motion.trajectory import Trajectory, follow
 from cablecast.setup import Setup
@@ -357,6 +357,19 @@ def reset_pose(workspace: Workspace) -> Array:
     return np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
 
 
+def check_finite(name: str, values: ArrayLike, count: int) -> Array:
+    """Return so many finite numbers, shape [count].
+
+    Raises:
+        TargetError: They are others; names them.
+    """
+    found = np.asarray(values, dtype=float)
+    if found.shape != (count,) or not np.isfinite(found).all():
+        shown = ", ".join(f"{value:g}" for value in found.ravel()[: count + 1])
+        raise TargetError(f"{name} ({shown}) must be {count} finite numbers")
+    return found
+
+
 def polar_cast_path(
     endpoint_xy: ArrayLike, setup: Setup, config: PolarCastConfig | None = None
 ) -> GripPath:
@@ -364,7 +377,7 @@ def polar_cast_path(
     cable, workspace = setup.cable, setup.workspace
     config = config or PolarCastConfig.of(workspace)
     reach = PolarReach.of(setup, config)
-    endpoint_xy = np.asarray(endpoint_xy, dtype=float)
+    endpoint_xy = check_finite("target", endpoint_xy, 2)
     # Rounding may put a point of the outline outside.
     if np.max(np.abs(reach.nearest(endpoint_xy) - endpoint_xy)) > 1e-6:
         x, y = endpoint_xy.tolist()
@@ -396,7 +409,7 @@ def plan_polar_cast(
 def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> GripPath:
     """Return the gripper path of a reset from x, y, z [m], yaw, pitch [rad], shape [5]."""
     config, cable = config or PolarCastConfig.of(setup.workspace), setup.cable
-    path = PlanePath(np.asarray(start, dtype=float))
+    path = PlanePath(check_finite("start", start, 5))
     _lift(path, cable, config).hold(config.hang_time)
     radius = PolarReach.of(setup, config).landing_radius(0.0) - cable.length
     # A cable that is long for the table is laid no nearer than the reset pose.

@@ -412,6 +412,7 @@ _STOPS = {
     8: ("safety violation", _READ_LOG),
     9: ("fault", _READ_LOG),
     10: ("stop for safety", _READ_LOG),
+    1: ("reduced mode (bit 1)", "leave the reduced space, or switch its safety input off"),
 }
 """Names of RTDE's safety status bits, and what to do; the most telling first. Bit 0 is normal."""
 _RESUME = "cablecast never clears a stop; the same command resumes with this trial"
@@ -492,7 +493,7 @@ def check_report(report: Report, robot: RobotConfig) -> None:
         )
     if abs(report.speed_scaling - 1.0) > SPEED_TOLERANCE:
         raise RigError(
-            f"the speed slider of the pendant is at {100 * report.speed_scaling:.0f} %: set it to "
+            f"the speed slider of the pendant is at {100 * report.speed_scaling:.3g} %: set it to "
             "100 %, or casts land elsewhere"
         )
     mass, center = report.payload, report.payload_cog

@@ -169,7 +169,7 @@ class Player:
         check_safe(report)
         if abs(report.speed_scaling - 1.0) > SPEED_TOLERANCE:
             raise CastAbortedError(
-                f"the speed fell to {100 * report.speed_scaling:.0f} % in the motion: set the "
+                f"the speed fell to {100 * report.speed_scaling:.3g} % in the motion: set the "
                 "slider of the pendant to 100 %, or lower v_max if the arm is at its limits"
             )
         lag = float(np.abs(report.q - report.target_q).max())

@@ -8,6 +8,7 @@ general purpose registers, 0 to 23 belong to fieldbuses, 24 to 47 to clients of 
 import dataclasses
 import socket
 import struct
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -85,10 +86,13 @@ def ask(connection: socket.socket, reader: FrameReader, kind: int, payload: byte
         ValueError: It speaks no RTDE.
     """
     connection.sendall(frame(kind, payload))
+    deadline = time.monotonic() + (connection.gettimeout() or _ANSWER_TIME_MAX)
     while data := connection.recv(4096):
         for answered, answer in reader.feed(data):
             if answered == kind:
                 return answer
+        if time.monotonic() > deadline:
+            raise OSError(f"RTDE sends other messages, but does not answer request {chr(kind)!r}")
     raise OSError("RTDE closed the connection")
 
 
