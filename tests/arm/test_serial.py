@@ -251,6 +251,19 @@ HANGING = (
     [
         (chain(limit=""), {}, "states no range of joint 'joint3'"),
         (chain(limit='<limit lower="-3" upper="3"/>'), {}, "states no speed of joint 'joint3'"),
+        (
+            chain(limit='<limit lower="0" upper="0" velocity="2"/>'),
+            {},
+            "no range of joint 'joint3'",
+        ),
+        (chain(limit='<limit lower="3" upper="-3" velocity="2"/>'), {}, "no range of joint 'joint"),
+        (chain(limit='<limit velocity="2"/>'), {}, "states no range of joint 'joint3'"),
+        (chain(limit='<limit lower="nan" upper="3" velocity="2"/>'), {}, "no range of joint 'joi"),
+        (chain(limit='<limit lower="-3" upper="inf" velocity="2"/>'), {}, "no range of joint 'joi"),
+        (chain(limit='<limit lower="-3" upper="3" velocity="inf"/>'), {}, "no speed of joint 'joi"),
+        (chain(limit='<limit lower="low" velocity="2"/>'), {}, "lower of .*'low' is not a number"),
+        (chain().replace("joint4", "joint3"), {}, "names two joints 'joint3'"),
+        ('<?xml version="1.0" encoding="klingon"?><robot/>', {}, "is not XML: unknown encoding"),
         (chain(), {"tip": "hand"}, "has no frame 'hand' for the tip; it has base, link1"),
         (chain(), {"tip": "base"}, "no joint of .* moves the tip"),
         (chain(), {"base_joint": "waist"}, "no joint 'waist' moves the tip"),
@@ -278,6 +291,66 @@ def test_a_bad_description_is_refused_with_one_line(tmp_path, text, changes, wor
     with pytest.raises((InputError, UnknownNameError), match=words) as caught:
         arm_from_dict({"file": "arm.urdf", "tip": "link6", **changes}, tmp_path)
     assert "\n" not in str(caught.value)
+
+
+FREE = (2 * np.pi, 0.0)
+
+
+@pytest.mark.parametrize(
+    "third",
+    [
+        {"kind": "continuous", "limit": '<limit velocity="2"/>'},
+        {"kind": "continuous", "limit": '<limit lower="0" upper="0" velocity="2"/>'},
+        {"limit": '<limit lower="-inf" upper="inf" velocity="2"/>'},
+    ],
+)
+def test_a_joint_without_an_end_is_free_and_nothing_is_left_behind(
+    third, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.urdf").write_text(chain(**third))
+    with pytest.warns(UserWarning, match="does not state the inertia of each link"):
+        limits = arm_from_dict({"file": "arm.urdf", "tip": "link6"}).limits
+    assert (limits.position[2], limits.middle[2]) == FREE
+    assert limits.position[:2] == (3.0, 3.0)
+    assert [file.name for file in tmp_path.iterdir()] == ["arm.urdf"]
+    assert capfd.readouterr() == ("", "")
+
+
+RED = '<material name="red"><color rgba="1 0 0 1"/></material>'
+INERTIAL = (
+    '<inertial><mass value="1"/><inertia ixx="{}" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>"
+)
+
+
+def with_inertia(ixx, effort):
+    """Return a chain whose links state an inertia [kg m²] and whose joints a torque [Nm]."""
+    text = chain().replace('velocity="2"', f'velocity="2" effort="{effort}"')
+    for link in range(1, 7):
+        own = INERTIAL.format(ixx if link == 3 else 0.1)
+        text = text.replace(f'<link name="link{link}"/>', f'<link name="link{link}">{own}</link>')
+    return text
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "acceleration"),
+    [
+        (chain().replace("</robot>", f"{RED}{RED}</robot>"), "does not state the inertia", 20.0),
+        (with_inertia(-1.0, 500), "does not state the inertia", 20.0),
+        (with_inertia(0.1, 0.01), "joint2.* no torque beyond gravity", 1.0),
+        ('<?xml version="1.0" encoding="latin-1"?><!-- Gerät -->' + chain(), "inertia", 20.0),
+    ],
+    ids=["a material twice", "no inertia", "no torque", "latin-1"],
+)
+def test_a_description_without_sound_dynamics_says_which_accelerations_are_assumed(
+    text, words, acceleration, tmp_path
+):
+    (tmp_path / "arm.urdf").write_bytes(text.encode("latin-1"))
+    with pytest.warns(UserWarning, match=words) as warned:
+        limits = arm_from_dict({"file": "arm.urdf", "tip": "link6"}, tmp_path).limits
+    assert limits.acceleration[1] == acceleration
+    assert len(warned) == 1
 
 
 def test_an_arm_too_short_for_its_gripper_says_so(tmp_path):

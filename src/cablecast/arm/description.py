@@ -4,9 +4,10 @@ import dataclasses
 import itertools
 import os
 import pathlib
+import warnings
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,12 @@ from cablecast.errors import (
     check_keys,
     check_number,
 )
-from cablecast.files import read_text
+from cablecast.files import SIZE_MAX, read_bytes
 
 ACCELERATION = 20.0
 """Largest acceleration of a joint where neither the file nor its torques tell less [rad/s²]."""
+ACCELERATION_MIN = 1.0
+"""Least acceleration of a joint that is taken from its torque [rad/s²]."""
 TORQUE_SHARE = 0.6
 """Share of a joint's torque that is left for gravity and acceleration [-]."""
 LINK_RADIUS = 0.06
@@ -37,6 +40,7 @@ _CABLE_AXES = {"-y": 0.0, "x": 90.0, "y": 180.0, "-x": -90.0}
 _SOURCES = ("file", "menagerie")
 _FILE_KEYS = {"tip", "base_joint", "cable_axis", "link_radius", "limits", "posture"}
 _MOUNT_KEYS = {"base_height", "base_yaw_deg", "gripper_length", "grip_offset", "measured"}
+_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 _UPRIGHT = 1e-3  # Largest sine of the base axis' tilt.
 _RANGE_FREE = 2 * np.pi  # Largest angle of a joint without limits [rad].
 _POSE_COUNT = 256  # Random postures over which inertia and gravity are looked at.
@@ -66,7 +70,7 @@ def arm_from_dict(values: Any, folder: str | os.PathLike[str] | None = None) -> 
     mount = {key: values.pop(key) for key in _MOUNT_KEYS & set(values)}
     if "menagerie" in values:
         name = str(values.pop("menagerie"))
-        return _arm(name, name, _menagerie(name), {}, mount, **values)
+        return _arm(name, name, _menagerie(name), {}, True, mount, **values)
     path = pathlib.Path(folder or ".") / str(values.pop("file"))
     return _arm(path.stem, str(path), *_read(path), mount, **values)
 
@@ -99,34 +103,50 @@ def _menagerie(name: str) -> Any:
         raise InputError(f"MuJoCo Menagerie does not give {name}: {line}") from None
 
 
-def _read(path: pathlib.Path) -> tuple[Any, dict[str, tuple[str, float | None]]]:
-    """Return the MuJoCo specification of a file, and type and speed of each joint of a URDF."""
+class _Stated(NamedTuple):
+    """What a URDF says of a joint: type, range [rad] (None without one) and speed [rad/s]."""
+
+    kind: str
+    range: tuple[float, float] | None
+    speed: float | None
+
+
+def _read(path: pathlib.Path) -> tuple[Any, dict[str, _Stated], bool]:
+    """Return the MuJoCo specification of a file, the joints of a URDF, and whether it has dynamics.
+
+    A URDF is given to MuJoCo without materials and ranges, which MuJoCo reads as another does not.
+    """
     mujoco = _library()
     try:
-        root = ElementTree.fromstring(read_text(path))
+        # The XML says its encoding.
+        root = ElementTree.fromstring(read_bytes(path, SIZE_MAX))
     except FileNotFoundError:
         raise UnknownNameError(f"there is no arm description {path}") from None
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise InputError(f"{path} is not XML: {error}") from None
     if root.tag not in ("robot", "mujoco"):
         raise InputError(f"{path} is neither URDF nor MJCF: it begins with <{root.tag[:40]}>")
     if any("xacro" in element.tag for element in root.iter()):
         raise InputError(f"{path} is a xacro file: make a URDF of it with the program xacro")
-    joints = {}
+    joints, has_dynamics = {}, True
     for joint in root.findall("joint") if root.tag == "robot" else ():
-        limit = joint.find("limit")
-        speed = None if limit is None else limit.get("velocity")
-        kind = joint.get("type", "") if limit is not None else joint.get("type", "") + " unlimited"
-        if joint.find("mimic") is not None:
-            kind = "mimic"
-        try:
-            joints[joint.get("name")] = (kind, None if speed is None else float(speed))
-        except ValueError:
-            raise InputError(
-                f"{path}: velocity of joint {joint.get('name')} = {speed!r} is not a number"
-            ) from None
+        if (name := joint.get("name", "")) in joints:
+            raise InputError(f"{path} names two joints {name[:40]!r}: give each a name of its own")
+        joints[name] = _stated(path, name, joint)
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        if root.tag == "mujoco":
+            spec = mujoco.MjSpec.from_file(str(path))
+        else:
+            for parent in list(root.iter()):
+                for material in parent.findall("material"):
+                    parent.remove(material)
+            has_dynamics = _has_dynamics(root)
+            for link in root.findall("link") if not has_dynamics else ():
+                # What only dynamics needs is no reason to refuse the chain.
+                for inertial in link.findall("inertial"):
+                    link.remove(inertial)
+            spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+            spec.modelfiledir = str(path.parent)
     except (ValueError, OSError) as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
     # ROS names meshes by package; look for them beside the file.
@@ -136,14 +156,70 @@ def _read(path: pathlib.Path) -> tuple[Any, dict[str, tuple[str, float | None]]]
             if (found := path.parent / pathlib.Path(*parts[start:])).is_file():
                 mesh.file = str(found.resolve())
                 break
-    return spec, joints
+    return spec, joints, has_dynamics
+
+
+def _has_dynamics(urdf: ElementTree.Element) -> bool:
+    """Return whether each link that a joint moves states its inertia, unless it is a bare frame."""
+    moved = {child.get("link") for joint in urdf.findall("joint") for child in joint.iter("child")}
+    stated = []
+    for link in urdf.findall("link"):
+        inertial = link.find("inertial")
+        least = None if inertial is None else _least_inertia(inertial)
+        if least is not None and (least < 0.0 or not np.isfinite(least)):
+            return False
+        if link.get("name") in moved and not least and any(link.iter("geometry")):
+            return False
+        stated.append(bool(least))
+    return any(stated)
+
+
+def _least_inertia(inertial: ElementTree.Element) -> float:
+    """Return the least of a link's mass [kg] and principal inertias [kg m²]; NaN if one is none."""
+    try:
+        tags = {element.tag: element for element in inertial}
+        mass, tensor = float(tags["mass"].get("value", "0")), tags["inertia"]
+        xx, xy, xz, yy, yz, zz = (float(tensor.get(f"i{k}", "0")) for k in _TENSOR)
+        inertia = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    except (KeyError, ValueError, np.linalg.LinAlgError):
+        return float("nan")
+    return float(min(mass, *inertia))
+
+
+def _stated(path: pathlib.Path, name: str, joint: ElementTree.Element) -> _Stated:
+    """Return what a URDF states of a joint, and take the range from it."""
+    values: dict[str, float] = {}
+    limit = joint.find("limit")
+    for key in ("lower", "upper", "velocity", "effort"):
+        text = None if limit is None else limit.get(key)
+        if limit is None or text is None:
+            continue
+        try:
+            values[key] = float(text)
+        except ValueError:
+            raise InputError(
+                f"{path}: {key} of joint {name[:40]!r} = {text[:40]!r} is not a number"
+            ) from None
+        if key != "velocity" and not (key == "effort" and 0.0 < values[key] < np.inf):
+            del limit.attrib[key]
+    kind = "mimic" if joint.find("mimic") is not None else joint.get("type", "")
+    low, high = values.get("lower", 0.0), values.get("upper", 0.0)
+    if kind == "continuous" or (low, high) == (-np.inf, np.inf):
+        low, high = -_RANGE_FREE, _RANGE_FREE
+    speed = values.get("velocity", 0.0)
+    return _Stated(
+        kind,
+        (low, high) if -np.inf < low < high < np.inf else None,
+        speed if 0.0 < speed < np.inf else None,
+    )
 
 
 def _arm(
     name: str,
     where: str,
     spec: Any,
-    stated: dict[str, tuple[str, float | None]],
+    stated: dict[str, _Stated],
+    has_dynamics: bool,
     mount: dict[str, Any],
     *,
     tip: str,
@@ -159,7 +235,8 @@ def _arm(
         name: Name of the arm.
         where: File or robot, for errors.
         spec: MuJoCo specification.
-        stated: Type, and speed [rad/s] where it is known, of each joint of a URDF.
+        stated: What a URDF says of each joint.
+        has_dynamics: Whether the inertia of the links is known.
         mount: Mounting and gripper.
         tip: Body or site that is the flange; its z points out of it.
         base_joint: Joint that turns the arm about the vertical; the first where None.
@@ -210,7 +287,7 @@ def _arm(
         offsets=tuple(_offset(T) for T in (frames[0], *steps)),
         capsules=tuple(capsules),
         posture=posture,
-        limits=_limits(model, data, joints, stated, given, where),
+        limits=_limits(model, data, joints, stated, has_dynamics, given, where),
         **mount,
     )
 
@@ -329,42 +406,62 @@ def _limits(
     model: Any,
     data: Any,
     joints: list[int],
-    stated: dict[str, tuple[str, float | None]],
+    stated: dict[str, _Stated],
+    has_dynamics: bool,
     given: dict[str, Any],
     where: str,
 ) -> JointLimits:
     names = [model.joint(joint).name for joint in joints]
-    count, rows = len(joints), {}
-    low, high = np.zeros(count), np.zeros(count)
-    for at, joint in enumerate(joints):
-        low[at], high[at] = model.jnt_range[joint]
-        kind, _ = stated.get(names[at], ("", None))
-        if kind == "mimic":
+    # MJCF states limits to MuJoCo, which has no speeds.
+    rows = [
+        stated.get(name) or _of_mujoco(model, at) for name, at in zip(names, joints, strict=True)
+    ]
+    known: dict[str, Any] = {}
+    for name, row in zip(names, rows, strict=True):
+        if row.kind == "mimic":
             raise InputError(
-                f"joint {names[at]!r} of {where} moves with another one (mimic): from the base "
+                f"joint {name!r} of {where} moves with another one (mimic): from the base "
                 "joint to the tip each must move by itself"
             )
-        if not model.jnt_limited[joint]:
-            low[at], high[at] = -_RANGE_FREE, _RANGE_FREE
-        if "position" not in given and (kind == "revolute unlimited" or low[at] >= high[at]):
+        if "position" not in given and row.range is None:
             raise InputError(
-                f"{where} states no range of joint {names[at]!r}: give position for "
+                f"{where} states no range of joint {name!r}: give position for "
                 "all joints under limits in the lab file"
             )
-    if "position" not in given:
-        rows["position"] = tuple(((high - low) / 2).tolist())
-        rows["middle"] = tuple(((high + low) / 2).tolist())
-    if "velocity" not in given:
-        speeds = [stated.get(name, ("", None))[1] for name in names]
-        if unknown := [n for n, v in zip(names, speeds, strict=True) if not v]:
+        if "velocity" not in given and row.speed is None:
             raise InputError(
-                f"{where} states no speed of joint {unknown[0]!r}: give velocity for all "
+                f"{where} states no speed of joint {name!r}: give velocity for all "
                 "joints under limits in the lab file [rad/s]"
             )
-        rows["velocity"] = tuple(cast(list[float], speeds))
+    low, high = np.array([row.range or (-_RANGE_FREE, _RANGE_FREE) for row in rows]).T
+    if "position" not in given:
+        known["position"] = tuple(((high - low) / 2).tolist())
+        known["middle"] = tuple(((high + low) / 2).tolist())
+    if "velocity" not in given:
+        known["velocity"] = tuple(row.speed for row in rows)
     if "acceleration" not in given:
-        rows["acceleration"] = _accelerations(model, data, joints, low, high)
-    return JointLimits.from_dict(given, count, rows)
+        found = np.full(len(joints), ACCELERATION)
+        if has_dynamics:
+            found = _accelerations(model, data, joints, low, high)
+        known["acceleration"] = tuple(found.tolist())
+        weak = [name for name, a in zip(names, found, strict=True) if a <= ACCELERATION_MIN]
+        why = "" if has_dynamics else "does not state the inertia of each link well"
+        if weak:
+            why = f"leaves joint {', '.join(weak)} no torque beyond gravity for more"
+        if why:
+            warnings.warn(
+                f"{where} {why}: accelerations of {min(found):g} to {max(found):g} rad/s² are "
+                "assumed. Give acceleration under limits in the lab file",
+                stacklevel=2,
+            )
+    return JointLimits.from_dict(given, len(joints), known)
+
+
+def _of_mujoco(model: Any, joint: int) -> _Stated:
+    low, high = model.jnt_range[joint].tolist()
+    if not model.jnt_limited[joint]:
+        low, high = -_RANGE_FREE, _RANGE_FREE
+    return _Stated("", (low, high) if low < high else None, None)
 
 
 def _accelerations(
@@ -373,7 +470,7 @@ def _accelerations(
     joints: list[int],
     low: NDArray[np.float64],
     high: NDArray[np.float64],
-) -> tuple[float, ...]:
+) -> NDArray[np.float64]:
     """Return what the joints' torques give, where the file tells them, at most ACCELERATION."""
     mujoco = _library()
     dofs = model.jnt_dofadr[joints]
@@ -394,8 +491,7 @@ def _accelerations(
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, mass)
         pose[:] = (TORQUE_SHARE * torque - np.abs(data.qfrc_bias[dofs])) / np.diag(mass)[dofs]
-    least = np.quantile(np.clip(found, 1.0, ACCELERATION), 0.1, axis=0)
-    return tuple(least.tolist())
+    return np.quantile(np.clip(found, ACCELERATION_MIN, ACCELERATION), 0.1, axis=0)
 
 
 def _capsule(
