@@ -9,6 +9,7 @@ import cablecast
 from cablecast.errors import DamagedFileError, InputError, UnreadableFileError
 from cablecast.files import (
     SIZE_MAX,
+    parse_yaml,
     read_csv,
     read_json,
     read_sealed,
@@ -226,3 +227,16 @@ def test_a_csv_file_may_be_as_large_as_its_reader_says(tmp_path):
     assert len(read_csv(file, ("x",), size_max=22)) == 10
     with pytest.raises(InputError, match="more than 21 bytes"):
         read_csv(file, ("x",), size_max=21)
+
+
+@pytest.mark.parametrize("text", ["jerk: 060", "jerk: -07", "robot: {jerk: 0_60}"])
+def test_a_number_with_a_leading_zero_is_no_octal_one(text):
+    with pytest.raises(InputError, match=r"line 1: .* leading zero, which YAML reads as octal"):
+        parse_yaml(text, "lab.yaml")
+    assert parse_yaml("{a: 0, b: 0.60, c: -0, d: 0x10, e: 00.5}", "x") == {
+        "a": 0,
+        "b": 0.6,
+        "c": 0,
+        "d": 16,
+        "e": 0.5,
+    }

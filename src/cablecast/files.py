@@ -4,6 +4,7 @@ A file that cannot be read (missing, no permission, a failing disk) is told apar
 wrong content: only the second is damaged. At the end stand the cores and libraries of the machine.
 """
 
+import codecs
 import csv
 import functools
 import glob
@@ -58,14 +59,15 @@ def read_bytes(path: str | pathlib.Path, size_max: int = JSON_SIZE_MAX) -> bytes
 
 
 def read_text(path: str | pathlib.Path, size_max: int = SIZE_MAX) -> str:
-    """Return the text of a file, in UTF-8 with or without a byte-order mark; see `read_bytes`.
+    """Return the text of a file, in UTF-8, or in UTF-16 with a byte-order mark; see `read_bytes`.
 
     Raises:
-        InputError: The file is too large, or not UTF-8.
+        InputError: The file is too large, or neither.
     """
     content = read_bytes(path, size_max)
     try:
-        return content.decode("utf-8-sig")
+        is_wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        return content.decode("utf-16" if is_wide else "utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not text in UTF-8 (byte {error.start})") from None
 
@@ -77,6 +79,14 @@ class _Loader(yaml.SafeLoader):
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("aliases (*name) are not allowed")
         return super().compose_node(parent, index)
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        if re.fullmatch(r"[-+]?0[0-9_]+", str(node.value)):
+            raise yaml.MarkedYAMLError(
+                problem=f"{str(node.value)[:40]} has a leading zero, which YAML reads as octal",
+                problem_mark=node.start_mark,
+            )
+        return super().construct_yaml_int(node)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -92,6 +102,7 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 # YAML 1.1 reads 5e-2 and 1.e5 as text, but every person means the number.
 _Loader.yaml_implicit_resolvers = {
     first: [(tag, regexp) for tag, regexp in resolvers if tag != "tag:yaml.org,2002:float"]
@@ -141,28 +152,51 @@ def read_csv(
 ) -> list[dict[str, str]]:
     """Return the rows of a CSV file of at most some size [byte].
 
-    The header must hold some columns. Empty cells beyond the last column are ignored.
+    The header must hold some columns; see `cells_of` for what separates them. Empty cells beyond
+    the last column are ignored.
 
     Raises:
         InputError: There is no such file, it is too large, or a column or a cell is missing or too
             many.
     """
     try:
-        reader = csv.DictReader(read_text(path, size_max).splitlines())
-        rows = list(reader)
+        header, *lines = cells_of(read_text(path, size_max)) or [[]]
     except FileNotFoundError as error:
         raise InputError(str(error)) from None
     except csv.Error as error:
         raise InputError(f"{path} is no CSV file: {error}") from None
-    if missing := [name for name in columns if name not in (reader.fieldnames or ())]:
+    if missing := [name for name in columns if name not in header]:
         raise InputError(f"{path} lacks the columns {', '.join(missing)}")
-    for number, row in enumerate(rows, start=2):
-        if any(row[name] is None for name in columns):
+    if doubled := [name for name in header if name and header.count(name) > 1]:
+        raise InputError(f"{path} has two columns {doubled[0][:40]}: rename one of them")
+    needed = max(header.index(name) for name in columns) if columns else 0
+    rows = []
+    for number, cells in enumerate(lines, start=2):
+        if not cells:
+            continue
+        if len(cells) <= needed:
             raise InputError(f"line {number} of {path} has too few cells")
-        # Cells without a column stand under None.
-        if any(cell.strip() for cell in row.pop(None, ())):
+        if any(cell.strip() for cell in cells[len(header) :]):
             raise InputError(f"line {number} of {path} has too many cells")
+        rows.append(dict(zip(header, cells + [""] * (len(header) - len(cells)), strict=False)))
     return rows
+
+
+_COMMA_NUMBER = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
+
+
+def cells_of(text: str) -> list[list[str]]:
+    """Return the cells of a table whose header shows whether `,`, `;` or tabs separate them.
+
+    Beside the latter two, a comma in a number is that of its decimals.
+    """
+    lines = text.splitlines()
+    head = next((line for line in lines if any(mark in line for mark in ",;\t")), "")
+    separator = max(",;\t", key=head.count)
+    rows = list(csv.reader(lines, delimiter=separator))
+    if separator == ",":
+        return rows
+    return [[c.replace(",", ".") if _COMMA_NUMBER.fullmatch(c) else c for c in row] for row in rows]
 
 
 def read_numbers(

@@ -229,3 +229,31 @@ def test_what_is_no_take_or_no_frame_is_refused_with_what_is_wrong(tmp_path):
     names = MocapNames(frame=write_points(tmp_path / "points.csv"), end="end", grip=("grip",))
     with pytest.raises(InputError, match="'grip' does not move"):
         import_casts(write_vicon(tmp_path / "take.csv", times, still), SETUP, mocap=names)
+
+
+def test_a_motive_export_says_its_unit_wherever_it_stands_and_each_name_once(tmp_path):
+    times, points = cast()
+    frame = MocapFrame.load(write_points(tmp_path / "points.csv"))
+    take = write_motive(tmp_path / "take.csv", times, points)
+    text = take.read_text(encoding="utf-8-sig")
+    expected = Take.load(take, frame).point("end")
+    others = {
+        "notes with a comma": text.replace("Take Name,one", "Take Notes,slow, then fast").encode(),
+        "UTF-16": text.encode("utf-16"),
+        "semicolons": text.replace(",", ";").replace(".", ",").encode(),
+        "tabs": text.replace(",", "\t").encode(),
+    }
+    for name, content in others.items():
+        take.write_bytes(content)
+        found = Take.load(take, frame).point("end")
+        np.testing.assert_array_equal(found, expected, err_msg=name)
+    take.write_text(text.replace("Length Units,Millimeters,", ""))
+    with pytest.raises(InputError, match="does not say its Length Units"):
+        Take.load(take, frame)
+    take.write_text(text.replace("Cable:ahead", "Cable:end"))
+    with pytest.raises(InputError, match="has two points 'Cable:end'"):
+        Take.load(take, frame)
+    write_vicon(take, times, points)
+    take.write_text(take.read_text().replace("Cable:ahead", "Cable:end"))
+    with pytest.raises(InputError, match="has two points 'Cable:end'"):
+        Take.load(take, frame)

@@ -344,3 +344,61 @@ def test_columns_that_are_nearly_known_are_named(casts, tmp_path):
     rows = [row | {"grip_yaw_deg": 3.0} for row in table_of(casts, "action")]
     read_recordings(write_table(rows, tmp_path / "a.csv"), SETUP, report=said.append)
     assert any("nothing is read of the columns grip_yaw_deg" in line for line in said)
+
+
+def test_a_table_with_semicolons_tabs_or_utf_16_is_read(tmp_path):
+    table = write_table(rows_with(lambda t: 0.2), tmp_path / "table.csv")
+    expected = read_recordings(table, SETUP)[0].cast.track.endpoint_xy
+    text = table.read_text()
+    others = {
+        "semicolons and decimal commas": text.replace(",", ";").replace(".", ",").encode(),
+        "tabs": text.replace(",", "\t").encode(),
+        "UTF-16": text.encode("utf-16"),
+        "no measurement": (text + "a,0.95,NA,n/a,,,,\n").encode(),
+    }
+    for name, content in others.items():
+        table.write_bytes(content)
+        found = read_recordings(table, SETUP)[0].cast.track.endpoint_xy
+        np.testing.assert_array_equal(found, expected, err_msg=name)
+    table.write_text(text.replace("theta1_rad", "x_m"))
+    with pytest.raises(InputError, match="has two columns x_m"):
+        read_recordings(table, SETUP)
+
+
+def test_a_grip_that_turns_faster_or_farther_than_any_is_in_degrees(casts, tmp_path):
+    for scale in (np.degrees(1.0), 20.0):
+        rows = table_of(casts, "grip")
+        for row in rows:
+            if "grip_yaw_rad" in row:
+                row["grip_yaw_rad"] *= scale
+        with pytest.raises(InputError, match=r"grip_yaw_rad goes to .* is it in degrees\?"):
+            read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP)
+
+
+UPTIME = 3047.69
+
+
+def test_rows_of_another_time_than_the_cast_are_dropped_and_counted(tmp_path):
+    rows = rows_with(lambda t: 0.2, np.arange(0.0, 2.0, 0.1))
+    for head in ([UPTIME] * 8, [UPTIME, UPTIME + 0.1], [-50.0] * 3):
+        said = []
+        stale = [rows[0] | {"time_s": time} for time in head]
+        table = write_table(stale + rows, tmp_path / "table.csv")
+        (one,) = read_recordings(table, SETUP, said.append)
+        assert len(one.cast.track.times) == len(rows)
+        words = f"row 1 (time {head[0]:g} s, far from the others) and {len(head) - 1} more of"
+        assert words in said[0]
+
+
+@pytest.mark.parametrize("clock", [UPTIME, 1.7e9])
+def test_times_on_a_clock_of_their_own_are_refused_with_the_cast(clock, tmp_path):
+    rows = rows_with(lambda t: 0.2)
+    zeros = [dict(row, time_s=0.0) for row in rows[:3]]
+    rows = [row | {"time_s": row["time_s"] + clock} for row in rows]
+    for table_rows in (rows, zeros + rows):
+        table = write_table(table_rows, tmp_path / "table.csv")
+        with pytest.raises(
+            InputError, match=r"cast 'a': its times begin at \d+.* subtract"
+        ) as said:
+            read_recordings(table, SETUP)
+        assert "inf" not in str(said.value)

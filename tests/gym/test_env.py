@@ -1,6 +1,8 @@
 """The environments keep Gymnasium's contract, and their rewards are those of the engine."""
 
+import copy
 import dataclasses
+import pickle
 import warnings
 
 import gymnasium
@@ -257,3 +259,9 @@ def test_a_diverged_action_is_refused():
     env.reset(seed=0)
     with pytest.raises(InputError, match="not finite"):
         env.step(np.array([np.nan, 0, 0, 0]))
+
+
+@pytest.mark.parametrize("copy", [pickle.dumps, copy.deepcopy])
+def test_an_environment_that_is_pickled_says_what_to_pickle_instead(copy):
+    with pytest.raises(InputError, match="pickle a function that makes it"):
+        copy(CastEnv())

@@ -1,5 +1,7 @@
 """The clock of a controller, and the rate of a film."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,22 @@ def test_slow_motion_is_noticed_by_the_friction_that_it_would_need(friction):
     check_film_rate(*coast(friction), rate=60.0)
     with pytest.raises(InputError, match=r"filmed with about \d+ frames/s, and stored as 30"):
         check_film_rate(*coast(friction, pace=1 / 8), rate=30.0)
+
+
+# A tracker puts an endpoint to a millimetre or so [m].
+NOISE = 1e-3
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0])
+def test_slow_motion_of_a_slow_cast_is_warned_of(rate):
+    rng = np.random.default_rng(0)
+    times, xy = coast(0.3, pace=1 / 8, speed=1.2, rate=rate)
+    with pytest.warns(UserWarning, match=r"slowed from 0\.1\d m/s by 0\.0\d m/s² only.*--rate"):
+        check_film_rate(times, xy + rng.normal(0.0, NOISE, xy.shape), rate)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        times, xy = coast(0.3, speed=1.2, rate=rate)
+        check_film_rate(times, xy + rng.normal(0.0, NOISE, xy.shape), rate)
 
 
 def test_an_endpoint_that_lies_still_or_never_rests_says_nothing_of_the_rate():

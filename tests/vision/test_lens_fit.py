@@ -159,6 +159,15 @@ def test_a_board_of_another_family_is_named():
         calibrate_lens(pictures, board)
 
 
+def test_a_board_of_other_squares_is_told_from_one_of_another_family():
+    camera = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))
+    other, down = Board(column_count=8, row_count=6), np.diag([1.0, -1.0, -1.0])
+    pictures = [camera.board_frame(other, down, [0.0, 0.75, 0.8], 0)] * 16
+    words = r"0 of 16 .* 11 x 8 squares, but 24 tags of 4X4_100 .* 0 to 23: .* about 48 squares"
+    with pytest.raises(InputError, match=words):
+        calibrate_lens(pictures, BOARD)
+
+
 def test_a_board_is_taken_only_while_it_is_held_still():
     camera = VirtualCamera(dataclasses.replace(CameraConfig(), noise=0.0).resized(960))
     down = np.diag([1.0, -1.0, -1.0])

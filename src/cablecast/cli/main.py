@@ -227,7 +227,9 @@ def _os_error_text(error: OSError) -> str:
     if error.filename:
         text = f"{error.filename}: {reason}"
         cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-        if str(error.filename).startswith(os.environ.get("WARP_CACHE_PATH") or cache):
+        cache = os.environ.get("WARP_CACHE_PATH") or cache
+        # Or a folder above it that is not there, such as HOME.
+        if str(error.filename).startswith(cache) or cache.startswith(f"{error.filename}/"):
             text += (
                 ". The simulator keeps its compiled kernels there: set WARP_CACHE_PATH to a folder "
                 "that can be written"

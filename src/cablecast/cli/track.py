@@ -96,8 +96,8 @@ def _print_result(metrics: dict[str, Any], out: pathlib.Path) -> None:
         + (", turned by 180 deg against OpenCV's own pictures" if metrics["tags_turned"] else "")
     )
     print(
-        f"check     tags within {metrics['tags_off_px']:.1f} px, {metrics['tags_off_mm']:.1f} mm on "
-        "the table, of their places in the calibration"
+        f"check     tags within {metrics['tags_off_px']:.1f} px, {metrics['tags_off_mm']:.1f} mm "
+        "on the table, of their places in the calibration"
         + (f", moved: {metrics['tags_moved']}" if metrics["tags_moved"] else "")
     )
     print(f"track     {out / TRACK_FILE}\npicture   {out / PICTURE_FILE}")

@@ -11,7 +11,7 @@ from cablecast.camera.tags import rigid_fit
 from cablecast.cast import EndpointTrack
 from cablecast.conventions import Array
 from cablecast.errors import InputError, check_number
-from cablecast.files import JSON_SIZE_MAX, read_bytes, read_numbers
+from cablecast.files import JSON_SIZE_MAX, cells_of, read_numbers, read_text
 from cablecast.vision.tracker import track_samples
 from cablecast.workspace import Workspace
 
@@ -79,12 +79,9 @@ class Take:
     def load(cls, path: pathlib.Path, frame: MocapFrame) -> "Take":
         """Read a take as Motive (CSV) or Vicon (Nexus, Tracker; CSV or ASCII) exports it."""
         try:
-            text = read_bytes(path, JSON_SIZE_MAX).decode("utf-8-sig", errors="replace")
+            rows = cells_of(read_text(path, JSON_SIZE_MAX))
         except FileNotFoundError as error:
             raise InputError(str(error)) from None
-        tab = "\t" in text[:2000] and "," not in text[:2000]
-        try:
-            rows = list(csv.reader(text.splitlines(), delimiter="\t" if tab else ","))
         except csv.Error as error:
             raise InputError(f"{path} is no CSV file: {error}") from None
         rows = [[cell.strip() for cell in row] for row in rows]
@@ -181,7 +178,10 @@ class MocapNames:
 
 def _motive(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str, Array]]:
     """Return times and points of a take of Motive, whose header has four to six rows."""
-    facts = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
+    # Notes of the take may hold commas, and so shift the cells behind them.
+    units = [unit for name, unit in itertools.pairwise(rows[0]) if name == "Length Units"]
+    if not units:
+        raise InputError(f"{path} does not say its Length Units in line 1: export with the header")
     first = next((i for i, row in enumerate(rows) if i and row and _number(row[0]) is not None), 0)
     head = [row for row in rows[1:first] if any(row)]
     if len(head) < 4:
@@ -189,12 +189,16 @@ def _motive(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str,
     kinds, axes, parts = head[0], head[-1], head[-2]
     names = next((row for row in head if "Name" in row[:2]), head[1])
     columns: dict[str, dict[str, int]] = {}
+    taken: set[tuple[str, str, bool]] = set()
     for solved in (False, True):
         for i in range(2, min(map(len, (kinds, names, parts, axes)))):
             if parts[i] == "Position" and (kinds[i] in _SOLVED) == solved:
-                columns.setdefault(names[i].strip('"'), {}).setdefault(axes[i], i)
-    unit = facts.get("Length Units", "Meters")
-    return _columns(path, rows[first:], first, 1, columns, unit)
+                name = names[i].strip('"')
+                if (name, axes[i], solved) in taken:
+                    raise InputError(f"{path} has two points {name[:40]!r}: rename one of them")
+                taken.add((name, axes[i], solved))
+                columns.setdefault(name, {}).setdefault(axes[i], i)
+    return _columns(path, rows[first:], first, 1, columns, units[0])
 
 
 def _vicon(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str, Array]]:
@@ -210,7 +214,9 @@ def _vicon(path: pathlib.Path, rows: list[list[str]]) -> tuple[Array, dict[str, 
         columns, name, unit = {}, "", "mm"
         for i, axis in enumerate(axes[2:], start=2):
             name = names[i] if i < len(names) and names[i] else name
-            columns.setdefault(name, {}).setdefault(axis.removeprefix("T"), i)
+            if axis.removeprefix("T") in columns.setdefault(name, {}):
+                raise InputError(f"{path} has two points {name[:40]!r}: rename one of them")
+            columns[name][axis.removeprefix("T")] = i
             if axis.removeprefix("T") in ("X", "Y", "Z") and i < len(units):
                 unit = units[i]
         frames, found = _columns(path, body, start + 5, 0, columns, unit)

@@ -44,7 +44,7 @@ _REST_DISTANCE = 0.01
 _REST_TIME = 0.2
 _SAMPLES_MIN = 4
 # No clock of a cast counts further [s], and nothing of it is farther away [m].
-_TIME_MAX, _DISTANCE_MAX = 1e7, 100.0
+_TIME_MAX, _DISTANCE_MAX = 1e10, 100.0
 # A joint that leaves its neighbours in time by more is a spike [rad]: in 34 ms one turns 0.1 rad.
 _SPIKE = 0.3
 # Joints and grip may move unseen for as long [s]: logs have steps of up to 34 ms.
@@ -52,6 +52,11 @@ _GAP_MAX = 0.25
 # Joints that differ by less have not moved [rad], nor has a grip [m].
 _STILL = 0.01
 _UNSOUND_MAX = 0.2
+# The time between two rows of a cast is no more, and its first row no later [s].
+_STEP_MAX, _START_MAX = 10.0, 10.0
+# Nothing turns a grip faster [rad/s], measured over a time [s], nor farther [rad].
+_YAW_RATE_MAX, _YAW_TIME, _YAW_MAX = 20.0, 0.1, 4.0 * np.pi
+_EMPTY = ("", "na", "n/a", "#n/a", "null", "none", "-")
 # Cables stretch, and markers are seen a little off [m].
 _REACH_SLACK = 0.05
 
@@ -150,18 +155,31 @@ def _sound(
         for row in np.flatnonzero(absurd):
             why[row] = why[row] or f"{name} = {values[row]:g}"
     left = np.array([not words for words in why])
+    # Logs begin with rows of another time, or end with them: those about most others are the cast.
+    order = np.flatnonzero(left)[np.argsort(times[left], kind="stable")]
+    series = np.split(order, np.flatnonzero(np.diff(times[order]) > _STEP_MAX) + 1)
+    longest = max(series, key=len)
+    for row in np.setdiff1d(order, longest):
+        why[row], left[row] = f"time {times[row]:g} s, far from the others", False
+    far = len(order) - len(longest)
+    if len(longest) and (start := float(times[longest[0]])) > _START_MAX:
+        raise InputError(
+            f"{where}: its times begin at {start:.10g} s, and time_s counts from the start of the "
+            "motion: subtract the time at which it started"
+        )
     rising = _ascending(times[left])
     latest = np.maximum.accumulate(np.where(rising, times[left], -np.inf))
     for row, before, is_sound in zip(np.flatnonzero(left), latest, rising, strict=True):
         if not is_sound:
-            why[row] = f"time {times[row]:g} s after {before:g} s"
+            order = f"after {before:g} s" if np.isfinite(before) else "before those that rise"
+            why[row] = f"time {times[row]:g} s {order}"
     out = np.array([bool(words) for words in why])
     if out.any():
         at = int(np.argmax(out))
         more = f" and {out.sum() - 1} more" if out.sum() > 1 else ""
         name = f"the frame {times[at]:.3f} s after the start" if of_take else f"row {rows[at]}"
         words = f"{where}: {name} ({why[at]}){more} of {len(out)} rows cannot be used"
-        if out.mean() > _UNSOUND_MAX:
+        if (out.sum() - far) > _UNSOUND_MAX * len(out) or out.all():
             raise InputError(words)
         report(words)
     kept, places = np.unique(times[~out], return_inverse=True)
@@ -275,7 +293,7 @@ def _numbers(path: pathlib.Path, name: str, cells: list[Any]) -> Array:
     """Return a column as numbers; NaN where a cell is empty."""
     values = np.full(len(cells), np.nan)
     for row, cell in enumerate(cells):
-        if cell is None or (isinstance(cell, str) and not cell.strip()):
+        if cell is None or (isinstance(cell, str) and cell.strip().lower() in _EMPTY):
             continue
         try:
             values[row] = float(cell)
@@ -411,7 +429,15 @@ def _grip(
             continue
         at, values = times[seen], values[seen]
         if name == _YAW:
-            values = np.unwrap(values)
+            farthest, values = np.abs(values).max(), np.unwrap(values)
+            grid = np.arange(at[0], at[-1] + _YAW_TIME, _YAW_TIME)
+            rates = np.abs(np.diff(np.interp(grid, at, values))) / _YAW_TIME
+            if farthest > _YAW_MAX or rates.max(initial=0.0) > _YAW_RATE_MAX:
+                raise InputError(
+                    f"{where}: {_YAW} goes to {farthest:.1f}, at up to "
+                    f"{rates.max(initial=0.0):.1f} rad/s, and a grip at most to {_YAW_MAX:.1f} rad "
+                    f"at {_YAW_RATE_MAX:g} rad/s: is it in degrees?"
+                )
         _check_gaps(f"{where}: the grip moved", at, values[:, None])
         # Yaw and height may have a rate of their own.
         poses[:, column] = np.interp(times, at, values)

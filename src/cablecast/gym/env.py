@@ -249,6 +249,12 @@ def _is_cast(action: Array) -> bool:
 class _Casts:
     """Casts of a batch of environments: targets, cables, earlier casts, and the engine or rig."""
 
+    def __reduce__(self) -> typing.NoReturn:
+        raise InputError(
+            "an environment holds compiled kernels or a rig, which cannot be pickled or copied: "
+            "pickle a function that makes it, or its Setup and options"
+        )
+
     def __init__(
         self,
         count: int,

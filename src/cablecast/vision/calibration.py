@@ -26,6 +26,8 @@ VIEW_COUNT_MIN = 5
 """Fewest pictures of a board that determine the lens."""
 _OUTLIER_PX = 3.0
 """Largest miss of a tag's corners [px]: one that misses by more was moved, or half covered."""
+_FEW_WIDTH = 1280
+"""Width of the pictures in which the tags of another board are looked for [px]."""
 _TAG_MOVE_MAX = 3.0
 """Longest way of a tag's centre since the calibration that is no move, but noise [px]."""
 _VIEW_MOVE_MAX = 1.0
@@ -238,13 +240,34 @@ def calibrate_lens(images: Sequence[NDArray[np.uint8]], board: Board) -> LensFit
     # The wrong pattern puts corners where there are none: none is found, or a few by chance.
     found = [[find_board(image, pattern) for image in images] for pattern in patterns]
     counts = [sum(len(ids) for _, ids in pictures) for pictures in found]
-    if not any(counts) and (other := family_seen(images)) not in (None, board.family):
+    if all(len(ids) < BOARD_CORNERS_MIN for pictures in found for _, ids in pictures):
+        _check_squares(images, board)
+    i = int(counts[1] > counts[0])
+    return fit_lens(found[i], patterns[i], (width, height))
+
+
+def _check_squares(images: Sequence[NDArray[np.uint8]], board: Board) -> None:
+    """Refuse pictures that show another board, by the tags in two of them."""
+    cv2, share = load_cv2(), min(1.0, _FEW_WIDTH / max(images[0].shape[1], 1)) if images else 1.0
+    few = [
+        cv2.resize(image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+        for image in images[:: max(len(images) // 2, 1)][:2]
+    ]
+    asked = f"the board of {board.column_count} x {board.row_count} squares"
+    # Families begin alike: the one that was named comes first.
+    ids = sorted({i for image in few for i in detect_tags(image, board.family)})
+    if len(ids) >= TAG_COUNT_MIN:
+        raise InputError(
+            f"0 of {len(images)} pictures show {asked}, but {len(ids)} tags of {board.family} are "
+            f"seen in {len(few)} of them, numbers {ids[0]} to {ids[-1]}: a board with these has "
+            f"about {2 * (ids[-1] + 1)} squares, not {board.column_count * board.row_count}. Name "
+            "the squares across and down (--squares), or show the whole board, and sharp"
+        )
+    if (other := family_seen(few)) is not None:
         raise InputError(
             f"0 of {len(images)} pictures show the board with tags of {board.family}: they show "
             f"tags of {other}. Name that family, and the board's squares"
         )
-    i = int(counts[1] > counts[0])
-    return fit_lens(found[i], patterns[i], (width, height))
 
 
 def fit_lens(found: Sequence[tuple[Any, Any]], board: Board, size: tuple[int, int]) -> LensFit:
@@ -304,14 +327,14 @@ def fit_lens(found: Sequence[tuple[Any, Any]], board: Board, size: tuple[int, in
     if not (share <= FOCAL_SD_MAX and fit.centre_sd <= CENTRE_SD_MAX * width):
         raise InputError(
             f"the pictures do not determine the lens: focal length {lens.focal[0]:.0f} px +- "
-            f"{100 * share:.1f} %, centre +- {fit.centre_sd:.1f} px; at most "
-            f"{100 * FOCAL_SD_MAX:g} % and {CENTRE_SD_MAX * width:.1f} px. The board is tilted by "
+            f"{100 * share:.2f} %, centre +- {fit.centre_sd:.2f} px; at most "
+            f"{100 * FOCAL_SD_MAX:g} % and {CENTRE_SD_MAX * width:.2f} px. The board is tilted by "
             f"{min(tilts):.0f} to {max(tilts):.0f} deg: {_TILT_ADVICE}"
         )
     if not fit.edge_sd <= EDGE_SD_MAX * width:
         raise InputError(
-            f"the pictures leave the lens open by {fit.edge_sd:.1f} px at the picture's edge, "
-            f"above {EDGE_SD_MAX * width:.1f} px: {_TILT_ADVICE}"
+            f"the pictures leave the lens open by {fit.edge_sd:.2f} px at the picture's edge, "
+            f"above {EDGE_SD_MAX * width:.2f} px: {_TILT_ADVICE}"
         )
     return fit
 
