@@ -140,7 +140,7 @@ def rig_kind(request, setup) -> RigKind:
         pytest.importorskip("mujoco")
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
-        config = VirtualConfig(version=4, segment_count=12, dt=2e-3, sensing="exact")
+        config = VirtualConfig(segment_count=12, dt=2e-3, sensing="exact")
         return RigKind("virtual", lambda: RigVirtual(setup, 0, config))
     if request.param == "ur":
         from benchmarks.truth import TruthCamera
