@@ -96,9 +96,8 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
 """Module and function of each command, the code that it depends on, and what it measures."""
 
 QUOTED: dict[str, tuple[str, float]] = {
-    "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 201", 2.0),
-    "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 201", 2.4),
-    "scatter-5": ("scatter --rig virtual --calibration 10 --targets 6 --repeats 5", 0.2),
+    "ten-casts": ("casts --rigs virtual --counts 10 --methods aim --targets 201", 2.4),
+    "scatter": ("scatter --rig virtual --calibration 10 --targets 6 --repeats 5", 0.2),
     "other-physics": (
         "casts --rigs strange patchy example --counts 10 --methods aim --cables cable_1 "
         "--targets 66",
