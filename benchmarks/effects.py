@@ -1,4 +1,4 @@
-"""What each effect of version 5 of the laboratory costs.
+"""What each effect of the laboratory costs.
 
 The same casts are played without chance in a laboratory as it is, and with one effect switched off
 at a time. The shift of the landing is what a study has to reckon with, and what a simulator without
