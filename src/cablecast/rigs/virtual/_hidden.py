@@ -284,7 +284,8 @@ def hidden_cable(cable: Cable, lab_seed: int, strengths: Strengths) -> HiddenCab
     """
     if is_preset(cable):
         column = _PRESET_NAMES.index(cable.name)
-        truth = HiddenCable(**{name: values[column] for name, values in _PRESETS.items()})
+        row: dict[str, Any] = {name: values[column] for name, values in _PRESETS.items()}
+        truth = HiddenCable(**row)
     else:
         truth = _own(cable, np.random.default_rng([lab_seed, zlib.crc32(cable.name.encode())]))
     return _with_effects(truth, cable, lab_seed, strengths)
