@@ -43,10 +43,10 @@ class TrialNoise:
         encoder: Error of a reported joint angle [rad].
     """
 
-    reset: float = 1.5
+    reset: float = 1.25
     tip_roll: float = 0.2
     curl: float = 0.1
-    friction: float = 0.02
+    friction: float = 0.035
     servo: float = 0.08
     torque: float = 0.02
     latency: float = 5e-4
