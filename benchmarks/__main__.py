@@ -79,7 +79,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     "page": ("page:main", ("view",), "latencies, memory and frames of the page of `view`"),
     "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),
     "faults": ("faults:main", ("rigs/ur",), "faults of robot, camera and cable in every phase"),
-    "effects": ("effects:effects", LABORATORY, "shift of landings by each effect of version 5"),
+    "effects": ("effects:effects", LABORATORY, "shift of landings by each effect of the laboratory"),
     "laboratory": (
         "laboratory:main",
         LABORATORY,
@@ -96,9 +96,8 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
 """Module and function of each command, the code that it depends on, and what it measures."""
 
 QUOTED: dict[str, tuple[str, float]] = {
-    "five-casts": ("casts --rigs virtual:4 --counts 5 --methods aim --targets 201", 2.0),
-    "version-5": ("casts --rigs virtual --counts 10 --methods aim --targets 201", 2.4),
-    "scatter-5": ("scatter --rig virtual --calibration 10 --targets 6 --repeats 5", 0.2),
+    "ten-casts": ("casts --rigs virtual --counts 10 --methods aim --targets 201", 2.4),
+    "scatter": ("scatter --rig virtual --calibration 10 --targets 6 --repeats 5", 0.2),
     "other-physics": (
         "casts --rigs strange patchy example --counts 10 --methods aim --cables cable_1 "
         "--targets 66",

@@ -1,4 +1,4 @@
-"""What each effect of version 5 of the laboratory costs.
+"""What each effect of the laboratory costs.
 
 The same casts are played without chance in a laboratory as it is, and with one effect switched off
 at a time. The shift of the landing is what a study has to reckon with, and what a simulator without
@@ -94,9 +94,7 @@ def landings(
     motions: list[Trajectory], setup: Setup, lab: int, without: tuple[str, ...]
 ) -> NDArray[np.float64]:
     """Return where casts without chance end [m], shape [cast, 2]."""
-    config = VirtualConfig(
-        version=5, lab_seed=lab, without=without, noise=TrialNoise.none(), sensing="exact"
-    )
+    config = VirtualConfig(lab_seed=lab, without=without, noise=TrialNoise.none(), sensing="exact")
     with RigVirtual(setup, 0, config) as rig:
         return np.array([track.endpoint_xy[-1] for track in rig.execute_many(motions)])
 

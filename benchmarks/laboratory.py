@@ -94,7 +94,7 @@ class Args:
         untuned_count: Casts of each cable to compare with the untuned engine; 0 leaves that out.
         cables: Names of the cables to compare with the untuned engine.
         seed: Seed of the actions and of the rig.
-        rig: Name of the rig: virtual:4 or virtual:5 for a version of the laboratory.
+        rig: Name of the rig: virtual:2 for laboratory 2.
         out: Folder that keeps the casts and lets a stopped run resume. They are not made again when
             the laboratory changes: give a new folder then.
     """

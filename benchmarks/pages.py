@@ -355,7 +355,7 @@ def drawn_misses(result: Result) -> bytes:
 
 
 FIGURES: dict[str, tuple[str, Callable[[Result], bytes]]] = {
-    "docs/images/casts.png": ("five-casts", drawn_misses),
+    "docs/images/casts.png": ("ten-casts", drawn_misses),
 }
 """Result and drawing of each figure that is drawn from a result, by its path."""
 

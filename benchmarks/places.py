@@ -190,12 +190,8 @@ def try_count(method: str, tries: int) -> int:
 
 def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
     """Return a rig of a laboratory; that of the example is the same in all of them."""
-    kind, colon, version = name.partition(":")
-    if kind == "virtual":
-        config = VirtualConfig(lab_seed=lab)
-        if colon:
-            config = VirtualConfig(lab_seed=lab, version=int(version))
-        return cc.make_rig(RigVirtual(setup, 0, config), setup)
+    if name == "virtual":
+        return cc.make_rig(RigVirtual(setup, 0, VirtualConfig(lab_seed=lab)), setup)
     if name == "engine":
         params = cc.CableParams(**other_params(setup, world_draws(setup, lab)))
         return cc.make_rig(RigEngine(cc.EngineWarp(), setup, params, sample_dt=SAMPLE_DT), setup)

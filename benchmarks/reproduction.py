@@ -52,7 +52,7 @@ class Args:
     quick: bool = False
     cables: tuple[str, ...] = FULL.cables
     engine: EngineName = "warp"
-    rig: str = "virtual:5"
+    rig: str = "virtual"
     labs: tuple[int, ...] = (0,)
     seed: int = 0
     out: pathlib.Path = pathlib.Path("runs/reproduce")

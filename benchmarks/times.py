@@ -37,7 +37,7 @@ class PreparationArgs:
 
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
-    rig: str = "virtual:4"
+    rig: str = "virtual"
     """Rig, as in `python -m benchmarks casts`."""
     lab: int = 0
     """Seed of the laboratory."""

@@ -61,7 +61,7 @@ MISTAKES = {
     "track_video('film.mp4', 'lab.yaml')": "setup must be Setup",
     "reproduce('runs', budget='quick')": "budget must be Budget",
     "EngineWarp('cpu')": "segment_count = 'cpu' is not a whole number",
-    "make_rig('virtual:9', SETUP)": "unknown rig 'virtual:9': one of virtual, virtual:4, virtual:5",
+    "make_rig('virtual:5:1', SETUP)": "unknown rig 'virtual:5:1': one of virtual, virtual:LAB",
     "Action(-40.0, 40.0, 0.7)": r"theta1\| = 2292 deg is outside",
 }
 

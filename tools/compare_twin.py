@@ -125,7 +125,7 @@ def main() -> None:
     actions = feasible_uniform(args.casts + args.held_out, setup, seed=args.seed)
     twin = casts_of_twin(setup, actions, args.out / "twin", args.address)
     more = feasible_uniform(args.others, setup, seed=args.seed + 1)
-    with CheckedRig(RigVirtual(setup, 0, VirtualConfig(version=4)), setup) as rig:
+    with CheckedRig(RigVirtual(setup, 0, VirtualConfig(without=("arm",))), setup) as rig:
         virtual, others = (
             collect_dataset(args.out / name, rig, setup, purpose=purpose, actions=rows, attempts=1)
             for name, purpose, rows in (("virtual", "tune", actions), ("others", "real", more))

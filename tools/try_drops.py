@@ -40,7 +40,7 @@ def main() -> None:
     setup, rng = load_setup(ROOT / "examples" / "twin.yaml"), np.random.default_rng(args.seed)
     config = CameraConfig.over(setup.workspace).resized(WIDTH)
     camera = VirtualCamera.of(setup, dataclasses.replace(config, exposure=0.002), args.seed)
-    lab = VirtualConfig(version=4, segment_count=20)
+    lab = VirtualConfig(segment_count=20)
     steps = 1 + np.arange(round(TICK / lab.dt))
     seen: collections.Counter[tuple[bool, bool | None]] = collections.Counter()
 

@@ -139,8 +139,9 @@ def rig_kind(request, setup) -> RigKind:
     if request.param == "virtual":
         pytest.importorskip("mujoco")
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
+        from cablecast.rigs.virtual._hidden import EFFECTS
 
-        config = VirtualConfig(version=4, segment_count=12, dt=2e-3, sensing="exact")
+        config = VirtualConfig(without=EFFECTS, segment_count=12, dt=2e-3, sensing="exact")
         return RigKind("virtual", lambda: RigVirtual(setup, 0, config))
     if request.param == "ur":
         from benchmarks.truth import TruthCamera

@@ -14,7 +14,7 @@ def test_casts_to_tune_with_and_real_casts_of_one_rig_do_not_share_their_luck(se
     from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
     config = VirtualConfig(
-        version=4, segment_count=10, dt=2e-3, reset_time=0.1, rest_time_max=0.2, sensing="exact"
+        segment_count=10, dt=2e-3, reset_time=0.1, rest_time_max=0.2, sensing="exact"
     )
     with make_rig(RigVirtual(setup, 3, config), setup, 3) as rig:
         ends = {}

@@ -59,16 +59,13 @@ def of_an_earlier_version(cable, workspace, seed):
 """
 
 
-@pytest.mark.parametrize("version", [4, 5])
-def test_a_laboratory_has_the_scatter_of_its_version(version):
+def test_a_laboratory_is_given_by_its_number():
     pytest.importorskip("mujoco")
     from cablecast.rigs.virtual import VirtualConfig
 
-    with make_rig(f"virtual:{version}:3", Setup()) as rig:
+    with make_rig("virtual:3", Setup()) as rig:
         described = rig.description["config"]
-    assert described == dataclasses.asdict(VirtualConfig(version=version, lab_seed=3)) | {
-        "without": []
-    }
+    assert described == dataclasses.asdict(VirtualConfig(lab_seed=3)) | {"without": []}
 
 
 class Still(RigLifecycle):
@@ -95,13 +92,9 @@ def user_folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        (
-            "robot",
-            [
-                "'robot'",
-                "virtual, virtual:4, virtual:5, virtual:5:LAB, engine, engine:NAME, ur, or",
-            ],
-        ),
+        ("robot", ["'robot'", "virtual, virtual:LAB, engine, engine:NAME, ur, or"]),
+        ("virtual:5:1", ["'virtual:5:1'", "virtual, virtual:LAB, engine"]),
+        ("virtual:lab", ["'virtual:lab'", "virtual, virtual:LAB, engine"]),
         (":make", ["':make'"]),
         ("no_such_package.rig:make", ["no module 'no_such_package'"]),
         ("cablecast.no_such_rig:make", ["no module 'cablecast.no_such_rig'"]),

@@ -129,8 +129,8 @@ RigName = Annotated[
     str,
     argument(
         "RIG",
-        text="Rig that makes the casts: virtual (a laboratory in software; virtual:4, whose "
-        "physics is close to the simulator's), engine or engine:NAME (a simulator), ur (an arm), "
+        text="Rig that makes the casts: virtual (a laboratory in software; virtual:2 is "
+        "another), engine or engine:NAME (a simulator), ur (an arm), "
         "or your own robot as package.module:factory.",
     ),
 ]

@@ -14,10 +14,10 @@ from cablecast.rigs.base import Rig, foreign_code
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts, takes
 from cablecast.setup import Setup
 
-RIG_NAMES = ("virtual", "virtual:4", "virtual:5", "virtual:5:LAB", "engine", "engine:NAME", "ur")
+RIG_NAMES = ("virtual", "virtual:LAB", "engine", "engine:NAME", "ur")
 """Rigs that come with cablecast; any other is given as package.module:factory."""
 
-_LABORATORY = re.compile(r"virtual(?::([45])(?::(\d{1,9}))?)?")
+_LABORATORY = re.compile(r"virtual(?::(\d{1,9}))?")
 
 RigFactory = Callable[[Setup, int], Rig]
 """Makes a rig for a set-up and a seed."""
@@ -33,10 +33,10 @@ def make_rig(
     """Return a rig whose answers are checked.
 
     Args:
-        spec: "virtual", "virtual:4" or "virtual:5" for a version of its laboratory, "virtual:5:1"
-            for another laboratory of it, "engine" or "engine:pybullet" for a simulator of
-            `make_engine`, "ur", "package.module:factory", a function factory(setup, seed) that
-            returns a rig, or a rig. The module may lie in the working directory.
+        spec: "virtual" or "virtual:2", which is laboratory 2 ("virtual" is laboratory 0), "engine"
+            or "engine:pybullet" for a simulator of `make_engine`, "ur", "package.module:factory", a
+            function factory(setup, seed) that returns a rig, or a rig. The module may lie in the
+            working directory.
         setup: Cable, workspace, arm and motion settings.
         seed: Seed of what the rig draws by chance.
         time_limit: Longest time of one reset or one trial [s]; None for no limit.
@@ -62,11 +62,7 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
     if laboratory is not None:
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
-        version, lab = laboratory.groups()
-        config = VirtualConfig(
-            version=int(version or VirtualConfig.version), lab_seed=int(lab or 0)
-        )
-        return RigVirtual(setup, seed, config)
+        return RigVirtual(setup, seed, VirtualConfig(lab_seed=int(laboratory[1] or 0)))
     if spec == "engine" or (isinstance(spec, str) and spec.startswith("engine:")):
         from cablecast.engines import make_engine
         from cablecast.rigs.engine import RigEngine

@@ -35,7 +35,7 @@ def cable():
 
 @pytest.fixture
 def truth(cable):
-    return dataclasses.replace(hidden_cable(cable, 0), drag=0.0, linear_damping=0.0, curl=0.0)
+    return dataclasses.replace(hidden_cable(cable, 0, {}), drag=0.0, linear_damping=0.0, curl=0.0)
 
 
 def lying(cable, speed=(0.0, 0.0), roll_rate=0.0):
@@ -192,20 +192,20 @@ def some_places(count=4000, seed=0):
 
 
 def test_friction_differs_from_place_to_place_by_some_per_cent_about_its_mean():
-    factors = factor_at(friction_map(hidden_table(0), WORKSPACE), some_places())
+    factors = factor_at(friction_map(hidden_table(0, {}), WORKSPACE), some_places())
     assert abs(factors.mean() - 1.0) < 0.1
     assert 0.03 < factors.std() < 0.2
     assert factors.min() > 0.5
 
 
 def test_a_table_is_the_same_for_its_seed_and_another_for_another():
-    one, again, other = (friction_map(hidden_table(s), WORKSPACE).factors for s in (0, 0, 1))
+    one, again, other = (friction_map(hidden_table(s, {}), WORKSPACE).factors for s in (0, 0, 1))
     np.testing.assert_array_equal(one, again)
     assert np.abs(one - other).max() > 0.05
 
 
 def test_friction_is_smooth_within_a_board_and_steps_only_at_seams():
-    table = dataclasses.replace(hidden_table(0), board=0.0, seam=0.0)
+    table = dataclasses.replace(hidden_table(0, {}), board=0.0, seam=0.0)
     factors = friction_map(table, WORKSPACE).factors
     # Neighbouring cells are 5 mm apart, a fiftieth of the wear's length.
     assert np.abs(np.diff(factors, axis=0)).max() < 0.02
@@ -221,7 +221,7 @@ def test_a_cable_feels_more_friction_on_a_seam():
 
 
 def test_the_face_of_a_table_moves_and_turns_with_it():
-    table, usual = hidden_table(0), friction_map(hidden_table(0), WORKSPACE)
+    table, usual = hidden_table(0, {}), friction_map(hidden_table(0, {}), WORKSPACE)
     moved = friction_map(table, Workspace(table_near_y=-0.5))
     turned = friction_map(table, Workspace(table_yaw_deg=90.0))
     rng = np.random.default_rng(0)
@@ -240,6 +240,6 @@ def test_the_face_of_a_table_moves_and_turns_with_it():
 def test_a_cable_beyond_the_table_or_nowhere_does_not_break_the_map(cable, truth, place):
     motion = lying(cable, (0.0, 1.0))
     motion.vertices[..., 0] = place
-    force = forces(cable, truth, friction_map(hidden_table(0), WORKSPACE))
+    force = forces(cable, truth, friction_map(hidden_table(0, {}), WORKSPACE))
     pull = force.evaluate(motion, WORLD, 0.002)
     assert np.isfinite(pull).all() == np.isfinite(place)

@@ -10,7 +10,7 @@ from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.rigs.virtual.arm import LiveArm
 from cablecast.rigs.virtual.laboratory import LiveCable
 
-CONFIG = VirtualConfig(version=4, segment_count=12, sensing="exact", thread_count=1)
+CONFIG = VirtualConfig(without=("arm",), segment_count=12, sensing="exact", thread_count=1)
 DT, REST_TIME = 0.008, 2.5
 # A controller hands on one set point after another, where RigVirtual knows the whole motion: what
 # its servos do in between moved this landing by 1 mm.

@@ -12,7 +12,7 @@ from cablecast.errors import InputError
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.rigs.virtual.sensing import SensorErrorModel
 
-QUICK = VirtualConfig(version=4, segment_count=10, dt=2e-3, reset_time=0.1, sensing="exact")
+QUICK = VirtualConfig(segment_count=10, dt=2e-3, reset_time=0.1, sensing="exact")
 ERROR_MODEL = dataclasses.replace(QUICK, sensing="error_model")
 CAMERA = dataclasses.replace(QUICK, sensing="camera")
 # What the camera is allowed to be off, in any sample [m].

@@ -18,8 +18,9 @@ pytest.importorskip("mujoco")
 
 from cablecast.rigs.make import make_rig
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
+from cablecast.rigs.virtual._hidden import EFFECTS
 
-QUICK = VirtualConfig(version=4, segment_count=12, dt=1e-3)
+QUICK = VirtualConfig(without=EFFECTS, segment_count=12, dt=1e-3)
 BRIEF = dataclasses.replace(QUICK, dt=2e-3, reset_time=0.1, rest_time_max=0.3)
 
 TURNED = Workspace(table_yaw_deg=90.0)

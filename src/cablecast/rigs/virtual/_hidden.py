@@ -4,10 +4,9 @@ The learning side has to find these values, or live with its error, as with a re
 differ from the starting values in cable.py by what a careful person gets wrong who weighs the cable
 with a kitchen scale and looks up the rest.
 
-A version of the laboratory is a set of effects, each of some strength: version 4 has none of
-`EFFECTS`, version 5 has all of them in its first laboratory and a selection of them in each other
-one. In place of an effect that is missing stands what version 4 has: a damping time for strands
-that slip, second-order servos for an arm. docs/virtual-rig.md gives sizes with their sources.
+The first laboratory has all of `EFFECTS`, each other one a selection of them. In place of an effect
+that is missing stands a simpler law: a damping time for strands that slip, second-order servos for
+an arm of rigid bodies. docs/virtual-rig.md gives sizes with their sources.
 """
 
 import dataclasses
@@ -54,8 +53,7 @@ class HiddenCable:
         kink_place: Place of the kink as a share of the length [-].
         play: Angle by which a hook swings freely in its loop [rad].
         pad_stiffness: Turning stiffness of the gripper's pads [N·m/rad]; 0 for rigid ones.
-        reset_spread: Standard deviation of the heading after a reset [rad]; None for the resets of
-            version 4.
+        reset_spread: Standard deviation of the heading after a reset [rad].
         static_excess: Static friction in excess of kinetic friction at a creep [-].
         stribeck_speed: Speed at which that excess has fallen to 1 / e [m/s].
         friction_rise: Rise of friction with the sliding speed [s/m].
@@ -88,7 +86,7 @@ class HiddenCable:
     kink_place: float = 0.5
     play: float = 0.0
     pad_stiffness: float = 0.0
-    reset_spread: float | None = None
+    reset_spread: float = 0.03
     static_excess: float = 0.0
     stribeck_speed: float = 0.1
     friction_rise: float = 0.0
@@ -185,7 +183,7 @@ _PRESETS = {
     "bend_stiffness": (5.9e-4, 3.4e-5, 1.12e-3),
     "twist_stiffness": (5.2e-4, 3.0e-5, 1.12e-3),
     "bend_damping": (0.012, 0.006, 0.005),
-    "friction": (0.335, 0.24, 0.36),
+    "friction": (0.4, 0.24, 0.36),
     "grain": (0.04, 0.04, 0.05),
     "curl": (0.2, 0.5, 0.1),
     "yield_curvature": (25.0, 30.0, 30.0),
@@ -194,15 +192,14 @@ _PRESETS = {
     "endpoint_share": (0.6, 0.6, 0.5),
     "endpoint_offset": (0.008, 0.007, 0.0),
     "endpoint_radius": (0.0025, 0.0012, 0.006),
-    "endpoint_friction": (0.315, 0.23, 0.36),
+    "endpoint_friction": (0.41, 0.23, 0.36),
     "drag": (1.1, 1.15, 1.1),
     "linear_damping": (0.04, 0.05, 0.03),
 }
 """True properties of each preset, in the order of their names."""
 
-# Copies of one product differ by a few per cent. What users believe of a cable of their own differs
-# by more: least for what a scale tells, and most for stiffness.
-_COPY_SPREAD = 0.03
+# What users believe of a cable of their own is off: least for what a scale tells, and most for
+# stiffness.
 _BELIEF_SPREAD = {
     "mass": 0.08,
     "bend_stiffness": 0.45,
@@ -230,35 +227,27 @@ EFFECTS = (
     "stand",
     "light",
 )
-"""Effects that version 5 adds to version 4."""
-VERSIONS = (4, 5)
+"""Effects of real cables, tables and arms that can be switched off."""
 
 Strengths = Mapping[str, float]
-"""Strength of each effect that is there; 1 is usual."""
+"""Strength of each effect that is there; 1 is typical."""
 
 # A careful guess and the truth differ by 10 to 40 %, but by less for what a scale tells.
 _GUESS = (0.1, 0.34)
 _GUESS_MASS = (0.03, 0.1)
 _SCALED = ("mass", "endpoint_mass")
 _DEFINITE = ("sleeve", "endpoint_share", "endpoint_radius", "endpoint_offset")
-# In other laboratories than the first an effect is missing, usual, or twice as strong.
+# In other laboratories than the first an effect is missing, typical, or twice as strong.
 _STRENGTHS, _STRENGTH_ODDS = (0.0, 1.0, 2.0), (0.2, 0.6, 0.2)
-# A cable whose strands stick is stiffer than one of version 4, one whose strands slip is softer.
 # Draws whose first laboratory an engine with believed values misses as in the paper's table I.
-_DRAWS, _USUAL_DRAW = {"cable_3": 8}, 9
+_DRAWS, _TYPICAL_DRAW = {"cable_3": 8}, 9
+# A cable whose strands stick is stiffer than a solid one, one whose strands slip is softer.
 _STICK = 1.35
 _RESIDUAL_DAMPING = 0.0015
 
 
-def effect_strengths(
-    version: int, lab_seed: int, without: tuple[str, ...] = ()
-) -> Strengths | None:
-    """Return how strong each effect is in a laboratory, but for those that are switched off.
-
-    Version 4 knows none: None.
-    """
-    if version == 4:
-        return None
+def effect_strengths(lab_seed: int, without: tuple[str, ...] = ()) -> Strengths:
+    """Return how strong each effect is in a laboratory, but for those that are switched off."""
     rng = np.random.default_rng([lab_seed, 5])
     strengths = {name: _strength(rng, lab_seed) * _factor(rng, _GUESS) for name in EFFECTS}
     # Every arm is one of rigid bodies.
@@ -288,29 +277,18 @@ def _guessed(values: Any, rng: np.random.Generator, names: tuple[str, ...]) -> A
     return dataclasses.replace(values, **changed)
 
 
-def hidden_cable(cable: Cable, lab_seed: int, strengths: Strengths | None = None) -> HiddenCable:
+def hidden_cable(cable: Cable, lab_seed: int, strengths: Strengths) -> HiddenCable:
     """Return the true cable of a laboratory behind what is believed of it.
 
     The truth of a user's own cable is drawn about its parameters.
     """
-    rng = np.random.default_rng([lab_seed, zlib.crc32(cable.name.encode())])
-    is_base = strengths is not None
-    truth = _preset(cable, lab_seed, rng, is_base) if is_preset(cable) else _own(cable, rng)
-    return truth if strengths is None else _with_effects(truth, cable, lab_seed, strengths)
-
-
-def _preset(cable: Cable, lab_seed: int, rng: np.random.Generator, is_base: bool) -> HiddenCable:
-    """Return a preset as version 4 has it, or what version 5 starts from."""
-    column = _PRESET_NAMES.index(cable.name)
-    row: dict[str, Any] = {name: values[column] for name, values in _PRESETS.items()}
-    truth = HiddenCable(**row)
-    if lab_seed == 0 or is_base:
-        return truth
-    names = [*_BELIEF_SPREAD, "bend_damping"]
-    factors = dict(zip(names, np.exp(_COPY_SPREAD * rng.normal(size=len(names))), strict=True))
-    return dataclasses.replace(
-        truth, **{name: getattr(truth, name) * float(f) for name, f in factors.items()}
-    )
+    if is_preset(cable):
+        column = _PRESET_NAMES.index(cable.name)
+        row: dict[str, Any] = {name: values[column] for name, values in _PRESETS.items()}
+        truth = HiddenCable(**row)
+    else:
+        truth = _own(cable, np.random.default_rng([lab_seed, zlib.crc32(cable.name.encode())]))
+    return _with_effects(truth, cable, lab_seed, strengths)
 
 
 def _own(cable: Cable, rng: np.random.Generator) -> HiddenCable:
@@ -343,8 +321,8 @@ def _own(cable: Cable, rng: np.random.Generator) -> HiddenCable:
 def _with_effects(
     truth: HiddenCable, cable: Cable, lab_seed: int, strengths: Strengths
 ) -> HiddenCable:
-    """Return a cable of version 5: other values than in version 4, and effects of some strength."""
-    draw = _DRAWS.get(cable.name, _USUAL_DRAW)
+    """Return a cable whose values are off by a guess, with effects of some strength."""
+    draw = _DRAWS.get(cable.name, _TYPICAL_DRAW)
     rng = np.random.default_rng([draw, lab_seed, zlib.crc32(cable.name.encode())])
     # Those before the effects' own; attachments are measured, and slightly misjudged.
     names = [field.name for field in dataclasses.fields(truth)]
@@ -383,7 +361,7 @@ def _with_effects(
     return dataclasses.replace(truth, **values)
 
 
-def hidden_arm(lab_seed: int, strengths: Strengths | None = None) -> HiddenArm:
+def hidden_arm(lab_seed: int, strengths: Strengths) -> HiddenArm:
     """Return the true arm of a laboratory: servos differ from specimen to specimen by per cents."""
     arm = HiddenArm()
     if lab_seed:
@@ -399,7 +377,7 @@ def hidden_arm(lab_seed: int, strengths: Strengths | None = None) -> HiddenArm:
             frequency=spread(arm.frequency),
             damping_ratio=spread(arm.damping_ratio),
         )
-    if strengths is None or "arm" not in strengths:
+    if "arm" not in strengths:
         return arm
     rng = np.random.default_rng([5, lab_seed, 1])
     gears, stand = strengths.get("gears", 0.0), strengths.get("stand", 0.0)
@@ -431,14 +409,11 @@ def hidden_arm(lab_seed: int, strengths: Strengths | None = None) -> HiddenArm:
     )
 
 
-def hidden_table(lab_seed: int, strengths: Strengths | None = None) -> HiddenTable:
+def hidden_table(lab_seed: int, strengths: Strengths) -> HiddenTable:
     """Return the true table of a laboratory."""
-    table = HiddenTable(seed=1000 + lab_seed)
-    if strengths is None:
-        return table
     rng = np.random.default_rng([5, lab_seed, 2])
     names = ("wear", "wear_length", "board", "board_size", "first_seam", "seam", "drift_period")
-    table = _guessed(dataclasses.replace(table, seed=5000 + lab_seed), rng, names)
+    table = _guessed(HiddenTable(seed=5000 + lab_seed), rng, names)
     board = _strength(rng, lab_seed)
     direction = rng.uniform(0.0, 2 * np.pi)
     tilt = 0.004 * strengths.get("tilt", 0.0) * np.array([np.cos(direction), np.sin(direction)])
@@ -452,9 +427,9 @@ def hidden_table(lab_seed: int, strengths: Strengths | None = None) -> HiddenTab
     )
 
 
-def hidden_camera(lab_seed: int, strengths: Strengths | None) -> dict[str, Any]:
+def hidden_camera(lab_seed: int, strengths: Strengths) -> dict[str, Any]:
     """Return troubles of a laboratory's camera: values of `CameraConfig` and of its light."""
-    strength = (strengths or {}).get("light", 0.0)
+    strength = strengths.get("light", 0.0)
     if strength == 0.0:
         return {}
     rng = np.random.default_rng([5, lab_seed, 3])

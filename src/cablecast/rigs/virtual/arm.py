@@ -1,7 +1,7 @@
 """The arm as it really moves: set points that arrive late, and joints that follow them.
 
-In version 5 the arm is made of rigid bodies (dynamics.py). In version 4, and for the twin, each
-joint is the textbook servo, a second-order system behind a dead time,
+An arm whose masses are known is made of rigid bodies (dynamics.py). In every other arm, and in the
+twin, each joint is the textbook servo, a second-order system behind a dead time,
 
     qdd = omega^2 (q_set - q) + 2 zeta omega (share qd_set - qd),
 
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.arm.base import Arm
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath, Trajectory
-from cablecast.rigs.virtual._hidden import HiddenArm, hidden_arm
+from cablecast.rigs.virtual._hidden import HiddenArm, effect_strengths, hidden_arm
 from cablecast.rigs.virtual.dynamics import RigidArm
 from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
@@ -209,13 +209,12 @@ class LiveArm:
         setup: Gives the arm.
         q: Joint angles at rest [rad], shape [joint].
         dt: Step of the servos [s].
-        lab_seed: Seed of the laboratory.
     """
 
-    def __init__(self, setup: Setup, q: ArrayLike, dt: float = 1e-3, lab_seed: int = 0):
+    def __init__(self, setup: Setup, q: ArrayLike, dt: float = 1e-3):
         self.arm = setup.arm
         self.dt = dt
-        self._servos: HiddenArm = hidden_arm(lab_seed)
+        self._servos: HiddenArm = hidden_arm(0, effect_strengths(0, ("arm",)))
         self.q = np.array(q, dtype=float)
         self.qd = np.zeros(self.arm.joint_count)
         self.time = 0.0

@@ -6,31 +6,21 @@ rendered pictures.
 
 import dataclasses
 import math
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from cablecast.camera.lens import CameraView, Lens
 from cablecast.camera.settings import MARKER_HUE
 from cablecast.errors import InputError, check_count, check_number, check_ranges, check_seed
-from cablecast.rigs.virtual._hidden import EFFECTS, VERSIONS
+from cablecast.rigs.virtual._hidden import EFFECTS
 from cablecast.workspace import Workspace
 
+LABORATORY_VERSION = 6
+"""Version of the laboratory; results of two versions are not compared."""
 SENSING_NAMES = ("exact", "error_model", "camera")
 """Ways of seeing the cable: exactly as it is, with the measured errors of the camera, or with that
 camera itself, frame by rendered frame."""
-
-
-_NOISE_5 = {
-    "reset": 1.5,
-    "tip_roll": 0.2,
-    "curl": 0.1,
-    "friction": 0.02,
-    "servo": 0.08,
-    "torque": 0.02,
-    "latency": 5e-4,
-}
-"""What differs from `TrialNoise`'s defaults in version 5."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,31 +32,24 @@ class TrialNoise:
     since some fast casts magnify any difference.
 
     Attributes:
-        reset: Share of the measured deviation of the cable after a reset [-]; version 5 has this in
-            place of bow, sway and angle.
-        bow: Sideways bow of the cable after a reset, at its middle [m].
-        sway: Sideways S-shape of the cable after a reset, at its quarters [m].
-        angle: Direction of the cable after a reset [rad].
+        reset: Deviation of the cable after a reset, as a multiple of the laboratory's [-].
         tip_roll: Turn of the lying attachment about the cable [rad].
         curl: Curvature that earlier trials have left in the cable [1/m].
         friction: Relative change of the friction between cable and table [-].
-        servo: Relative change of the response frequency of each joint's servo, in version 5 of its
-            gear's friction, which its temperature changes [-].
+        servo: Relative change of the friction of each joint's gear with its temperature, or of the
+            response frequency of an arm without gears [-].
         torque: Relative change of the torque of the base joint [-].
         latency: Delay of a set point on its way to the arm [s].
         encoder: Error of a reported joint angle [rad].
     """
 
-    reset: float = 1.0
-    bow: float = 0.002
-    sway: float = 0.001
-    angle: float = 0.0033
-    tip_roll: float = 0.1
-    curl: float = 0.04
-    friction: float = 0.006
-    servo: float = 0.003
-    torque: float = 0.003
-    latency: float = 0.0002
+    reset: float = 1.25
+    tip_roll: float = 0.2
+    curl: float = 0.1
+    friction: float = 0.035
+    servo: float = 0.08
+    torque: float = 0.02
+    latency: float = 5e-4
     encoder: float = 5e-5
 
     def __post_init__(self):
@@ -74,9 +57,6 @@ class TrialNoise:
             self,
             {
                 "reset": (0.0, 5.0, ""),
-                "bow": (0.0, 0.5, "m"),
-                "sway": (0.0, 0.5, "m"),
-                "angle": (0.0, 0.5, "rad"),
                 "tip_roll": (0.0, 0.5, "rad"),
                 "curl": (0.0, 5.0, "1/m"),
                 "friction": (0.0, 0.5, ""),
@@ -89,11 +69,6 @@ class TrialNoise:
         )
 
     @classmethod
-    def of_version(cls, version: int) -> "TrialNoise":
-        """Return the noise of a version of the laboratory."""
-        return cls() if version == 4 else cls(**_NOISE_5)
-
-    @classmethod
     def none(cls) -> "TrialNoise":
         """Return the noise of a laboratory in which equal motions end equally."""
         return cls(**{field.name: 0.0 for field in dataclasses.fields(cls)})
@@ -104,12 +79,11 @@ class VirtualConfig:
     """Settings of the virtual laboratory.
 
     Attributes:
-        version: Number of the laboratory, 4 or 5; see docs/virtual-rig.md.
         lab_seed: Seed of the laboratory: another one has another copy of each cable and another
             table. It stays the same while one rig's seed varies, so that data collected today and
             an evaluation tomorrow meet the same cable.
-        without: Names of effects that version 5 is to leave out, of `EFFECTS`.
-        noise: Deviations from trial to trial; those of the version where not given.
+        without: Names of effects to leave out, of `EFFECTS`.
+        noise: Deviations from trial to trial.
         segment_count: Segments of the discrete rod. Twice as many move a landing by a median of 3 %
             of the cable length; the rod is the world here, so that is a matter of likeness.
         dt: Step [s]. An eighth of it moves a landing by a median of 0.9 %.
@@ -118,17 +92,13 @@ class VirtualConfig:
         rest_time_max: Longest time from the end of the motion to the end of the trial [s].
         rest_speed: The cable rests while all of it is slower than this [m/s].
         sensing: Way of seeing the endpoint: "exact", "error_model" or "camera".
-        stored_resets: Whether trials start from states that simulated resets left, where there are
-            any; otherwise they start from drawn shapes.
         thread_count: Threads that trials are spread over; all cores where None. It never changes a
             result.
     """
 
-    version: int = 5
     lab_seed: int = 0
     without: tuple[str, ...] = ()
-    # Those of the version as soon as the settings are made.
-    noise: TrialNoise = cast(TrialNoise, None)  # noqa: RUF009
+    noise: TrialNoise = dataclasses.field(default_factory=TrialNoise)
     segment_count: int = 30
     dt: float = 1e-3
     sample_dt: float = 0.1
@@ -136,27 +106,17 @@ class VirtualConfig:
     rest_time_max: float = 2.5
     rest_speed: float = 0.002
     sensing: str = "error_model"
-    stored_resets: bool = True
     thread_count: int | None = None
 
     def __post_init__(self):
-        if self.version not in VERSIONS:
-            known = " or ".join(map(str, VERSIONS))
-            raise InputError(f"virtual rig version = {self.version!r} must be {known}")
         object.__setattr__(self, "without", tuple(self.without))
         for name in self.without:
-            if name not in EFFECTS or self.version == 4:
-                known = "none in version 4" if self.version == 4 else ", ".join(EFFECTS)
+            if name not in EFFECTS:
+                known = ", ".join(EFFECTS)
                 raise InputError(f"virtual rig effect {str(name)[:40]!r} is not one of: {known}")
-        if self.noise is None:
-            object.__setattr__(self, "noise", TrialNoise.of_version(self.version))
         if self.sensing not in SENSING_NAMES:
             names = ", ".join(SENSING_NAMES)
             raise InputError(f"virtual rig sensing = {self.sensing!r} is not one of {names}")
-        if not isinstance(self.stored_resets, bool):
-            raise InputError(
-                f"virtual rig stored_resets = {self.stored_resets!r} must be true or false"
-            )
         check_seed(self.lab_seed)
         check_count("virtual rig segment_count", self.segment_count, 4, 200)
         if self.thread_count is not None:

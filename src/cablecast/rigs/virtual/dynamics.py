@@ -1,4 +1,4 @@
-"""The arm of version 5: rigid bodies on a stand that sways, gears that rub, torques with limits.
+"""The arm as rigid bodies on a stand that sways, gears that rub, torques with limits.
 
 Each joint has a position loop with a velocity loop within, as one controller
 

@@ -125,42 +125,103 @@ _TINY = wp.constant(wp.float64(1e-12))
 
 
 @wp.struct
-class Properties:
-    """Properties that all vertices of all cables share.
+class CableState:
+    """Where the active cables are, and how they move.
+
+    Attributes:
+        vertices: Positions up to the endpoint [m], shape [active, vertex].
+        velocity: Velocities of the vertices [m/s], same shape.
+        cos_roll: Cosine of the roll of each edge but the gripped one [-], shape
+            [active, edge - 1].
+        sin_roll: Sine of that roll [-], same shape.
+        roll_rate: Rate of that roll [rad/s], same shape.
+    """
+
+    vertices: wp.array2d[wp.vec3d]
+    velocity: wp.array2d[wp.vec3d]
+    cos_roll: wp.array2d[wp.float64]
+    sin_roll: wp.array2d[wp.float64]
+    roll_rate: wp.array2d[wp.float64]
+
+
+@wp.struct
+class CableProperties:
+    """Properties that all cables share.
 
     Attributes:
         radius: Radius of the cable [m].
-        friction: Mean Coulomb coefficient of the table at rest [-].
         grain: Half the relative difference of friction along and across the cable [-].
         yield_curvature: Curvature beyond which the cable yields [1/m].
         yield_time: Time in which an excess of curvature decays [s].
-        map_origin: Corner of the friction map with the smallest x and y [m].
-        map_cell: Resolution of the map [m].
-        static_excess: Static friction in excess of kinetic friction [-].
-        stribeck_speed: Speed at which that excess has fallen to 1 / e [m/s].
-        friction_rise: Rise of friction with the sliding speed [s/m].
-        seam_width: Width of a step between boards [m].
         strand_share: Share of the bending stiffness that is lost where all strands slip [-].
         slip_curvature: Bend at which strands without tension slip [1/m].
         slip_tension: Tension that doubles it [N]; 0 for none.
         tip_mass: Mass of the attachment [kg].
+        edge: Lengths of the edges [m], shape [edge].
+        weight: Weight of each free vertex [N], shape [vertex - 2].
+        drag: Drag of each edge per squared speed [N s^2/m^2], shape [edge].
+        damping: Linear damping of each free vertex [N s/m], shape [vertex - 2].
+        stiffness: Bending stiffness at each inner vertex [N m^2], shape [vertex - 2].
     """
 
     radius: wp.float64
-    friction: wp.float64
     grain: wp.float64
     yield_curvature: wp.float64
     yield_time: wp.float64
-    map_origin: wp.vec2d
-    map_cell: wp.float64
-    static_excess: wp.float64
-    stribeck_speed: wp.float64
-    friction_rise: wp.float64
-    seam_width: wp.float64
     strand_share: wp.float64
     slip_curvature: wp.float64
     slip_tension: wp.float64
     tip_mass: wp.float64
+    edge: wp.array[wp.float64]
+    weight: wp.array[wp.float64]
+    drag: wp.array[wp.float64]
+    damping: wp.array[wp.float64]
+    stiffness: wp.array[wp.float64]
+
+
+@wp.struct
+class TableProperties:
+    """Friction of the table's face, and its steps.
+
+    Attributes:
+        friction: Mean Coulomb coefficient of the table at rest [-].
+        applied: Coulomb coefficient that MuJoCo applies [-], shape [world].
+        static_excess: Static friction in excess of kinetic friction [-].
+        stribeck_speed: Speed at which that excess has fallen to 1 / e [m/s].
+        friction_rise: Rise of friction with the sliding speed [s/m].
+        origin: Corner of the map with the smallest x and y [m].
+        cell: Resolution of the map [m].
+        seam_width: Width of a step between boards [m].
+        factors: Map of the friction [-], shape [x, y].
+        rises: Steps of the table [m], shape [2, x, y].
+    """
+
+    friction: wp.float64
+    applied: wp.array[wp.float64]
+    static_excess: wp.float64
+    stribeck_speed: wp.float64
+    friction_rise: wp.float64
+    origin: wp.vec2d
+    cell: wp.float64
+    seam_width: wp.float64
+    factors: wp.array2d[wp.float64]
+    rises: wp.array3d[wp.float64]
+
+
+@wp.struct
+class CableMemory:
+    """What the cables keep from one evaluation to the next.
+
+    Attributes:
+        curl: Curvature at rest, sideways and upwards [1/m], shape [world, 2, vertex - 2].
+        strands: Elastic bend at the last evaluation and slip of the strands, each sideways and
+            upwards [1/m], shape [world, 4, vertex - 2].
+        velocity: Velocities at the last evaluation [m/s], shape [world, vertex - 2].
+    """
+
+    curl: wp.array3d[wp.float64]
+    strands: wp.array3d[wp.float64]
+    velocity: wp.array2d[wp.vec3d]
 
 
 @wp.func
@@ -185,11 +246,11 @@ def _cell(place: wp.float64, origin: wp.float64, size: wp.float64, count: int):
 
 
 @wp.func
-def _local_friction(place: wp.vec3d, factors: wp.array2d[wp.float64], cable: Properties):
+def _local_friction(place: wp.vec3d, table: TableProperties):
     """Return the mean Coulomb coefficient at a place of the table [-]."""
-    x = _cell(place[0], cable.map_origin[0], cable.map_cell, factors.shape[0])
-    y = _cell(place[1], cable.map_origin[1], cable.map_cell, factors.shape[1])
-    return cable.friction * factors[x, y]
+    x = _cell(place[0], table.origin[0], table.cell, table.factors.shape[0])
+    y = _cell(place[1], table.origin[1], table.cell, table.factors.shape[1])
+    return table.friction * table.factors[x, y]
 
 
 @wp.func
@@ -201,7 +262,7 @@ def _air(velocity: wp.vec3d, ahead: wp.vec3d, direction: wp.vec3d, drag: wp.floa
 
 
 @wp.func
-def _table(
+def _slide(
     place: wp.vec3d,
     v: wp.vec3d,
     direction: wp.vec3d,
@@ -209,7 +270,8 @@ def _table(
     weight: wp.float64,
     base: wp.float64,
     local: wp.float64,
-    cable: Properties,
+    cable: CableProperties,
+    table: TableProperties,
 ):
     """Return the difference between the friction of a place and direction and MuJoCo's [N].
 
@@ -230,12 +292,12 @@ def _table(
         pull = weight
     pull = pull / wp.sqrt(speed2 + _SLIP_SPEED * _SLIP_SPEED)
     # MuJoCo applies static friction; it falls with the speed, and rises again.
-    scale = base / cable.friction
-    if cable.static_excess > wp.float64(0.0):
+    scale = base / table.friction
+    if table.static_excess > wp.float64(0.0):
         speed = wp.sqrt(speed2)
-        fall = cable.static_excess * wp.exp(-speed / cable.stribeck_speed)
-        now = one + fall + cable.friction_rise * speed
-        scale = scale * now / (one + cable.static_excess)
+        fall = table.static_excess * wp.exp(-speed / table.stribeck_speed)
+        now = one + fall + table.friction_rise * speed
+        scale = scale * now / (one + table.static_excess)
     along = -pull * (scale * local * (one - cable.grain) - base) * slip_along
     across = -pull * (scale * local * (one + cable.grain) - base) * slip_across
     return wp.vec3d(along * x + across * y, along * y - across * x, wp.float64(0.0))
@@ -246,25 +308,25 @@ def _edge(
     place: wp.vec3d,
     v: wp.vec3d,
     weight: wp.float64,
-    rises: wp.array3d[wp.float64],
-    cable: Properties,
+    cable: CableProperties,
+    table: TableProperties,
 ):
     """Return the force of a step between two boards on a vertex that passes over it [N].
 
     The weight is lifted over the width of a seam. A round cable of radius r that meets a step of
     height h loses the part sin² = 2 h / r of its speed towards it, all where it goes up.
     """
-    x = _cell(place[0], cable.map_origin[0], cable.map_cell, rises.shape[1])
-    y = _cell(place[1], cable.map_origin[1], cable.map_cell, rises.shape[2])
+    x = _cell(place[0], table.origin[0], table.cell, table.rises.shape[1])
+    y = _cell(place[1], table.origin[1], table.cell, table.rises.shape[2])
     force = wp.vec3d()
     if place[2] < cable.radius + _TOUCH and place[2] > wp.float64(0.0):
         for axis in range(2):
-            rise = rises[axis, x, y]
-            push = -weight * rise / cable.seam_width
+            rise = table.rises[axis, x, y]
+            push = -weight * rise / table.seam_width
             if rise * v[axis] > wp.float64(0.0):
                 share = wp.min(wp.float64(2.0) * wp.abs(rise) / cable.radius, wp.float64(1.0))
                 mass = weight / wp.float64(GRAVITY)
-                push = push - mass * wp.abs(v[axis]) * v[axis] * share / cable.seam_width
+                push = push - mass * wp.abs(v[axis]) * v[axis] * share / table.seam_width
             force[axis] = push
     return force
 
@@ -278,10 +340,8 @@ def _moment(
     cell: wp.float64,
     elapsed: wp.float64,
     tension: wp.float64,
-    cable: Properties,
-    curl: wp.array3d[wp.float64],
-    strands: wp.array3d[wp.float64],
-    stiffness: wp.array[wp.float64],
+    cable: CableProperties,
+    memory: CableMemory,
     world: int,
     vertex: int,
 ):
@@ -290,7 +350,7 @@ def _moment(
     The elastic moment is EI (kappa - kappa_0); MuJoCo applies EI kappa. As a material with a yield
     stress and a viscosity, d kappa_0 / dt = (excess of |kappa - kappa_0|) / time.
     The directions of the edges behind and ahead, the cosine and sine of the roll of the latter,
-    and the length [m] that belongs to the vertex are given; curl is in [1/m].
+    and the length [m] that belongs to the vertex are given.
     """
     one = wp.float64(1.0)
     bent = wp.max(one + _dot(ahead, behind), wp.float64(0.1))
@@ -305,85 +365,58 @@ def _moment(
     up = cos * above + sin * right
     side = cos * right - sin * above
     # A curl to the side turns the cable about its upward side, one upwards about the other.
-    sideways = _dot(curvature, up) - curl[world, 0, vertex]
-    upwards = _dot(curvature, side) - curl[world, 1, vertex]
+    sideways = _dot(curvature, up) - memory.curl[world, 0, vertex]
+    upwards = _dot(curvature, side) - memory.curl[world, 1, vertex]
     size = wp.sqrt(sideways * sideways + upwards * upwards)
     excess = wp.max(size - cable.yield_curvature, wp.float64(0.0))
     share = wp.min(elapsed / cable.yield_time, one) * excess / wp.max(size, wp.float64(1e-9))
-    curl[world, 0, vertex] = curl[world, 0, vertex] + sideways * share
-    curl[world, 1, vertex] = curl[world, 1, vertex] + upwards * share
-    rest_sideways = wp.float64(curl[world, 0, vertex])
-    rest_upwards = wp.float64(curl[world, 1, vertex])
+    memory.curl[world, 0, vertex] = memory.curl[world, 0, vertex] + sideways * share
+    memory.curl[world, 1, vertex] = memory.curl[world, 1, vertex] + upwards * share
+    rest_sideways = wp.float64(memory.curl[world, 0, vertex])
+    rest_upwards = wp.float64(memory.curl[world, 1, vertex])
     if cable.strand_share > wp.float64(0.0):
         # The bend at the last evaluation, then what has slipped since the start.
-        by_sideways = sideways - strands[world, 0, vertex]
-        by_upwards = upwards - strands[world, 1, vertex]
-        strands[world, 0, vertex] = sideways
-        strands[world, 1, vertex] = upwards
+        by_sideways = sideways - memory.strands[world, 0, vertex]
+        by_upwards = upwards - memory.strands[world, 1, vertex]
+        memory.strands[world, 0, vertex] = sideways
+        memory.strands[world, 1, vertex] = upwards
         turn = wp.sqrt(by_sideways * by_sideways + by_upwards * by_upwards)
         limit = cable.slip_curvature
         if cable.slip_tension > wp.float64(0.0):
             limit = limit * (one + tension / cable.slip_tension)
         # Dahl's law: the bend that strands carry grows with the curvature and saturates at a limit.
         part = wp.min(turn / limit, one)
-        slip, slip_up = wp.float64(strands[world, 2, vertex]), wp.float64(strands[world, 3, vertex])
+        slip = wp.float64(memory.strands[world, 2, vertex])
+        slip_up = wp.float64(memory.strands[world, 3, vertex])
         slip = slip + (sideways - slip) * part
         slip_up = slip_up + (upwards - slip_up) * part
-        strands[world, 2, vertex] = slip
-        strands[world, 3, vertex] = slip_up
+        memory.strands[world, 2, vertex] = slip
+        memory.strands[world, 3, vertex] = slip_up
         rest_sideways = rest_sideways + cable.strand_share * slip
         rest_upwards = rest_upwards + cable.strand_share * slip_up
     moment = rest_sideways * up + rest_upwards * side
-    return stiffness[vertex] * moment
+    return cable.stiffness[vertex] * moment
 
 
 @wp.kernel
 def sum_forces(
     worlds: wp.array[wp.int32],
-    vertices: wp.array2d[wp.vec3d],
-    velocity: wp.array2d[wp.vec3d],
-    cos_roll: wp.array2d[wp.float64],
-    sin_roll: wp.array2d[wp.float64],
-    roll_rate: wp.array2d[wp.float64],
     elapsed: wp.float64,
-    edge: wp.array[wp.float64],
-    weight: wp.array[wp.float64],
-    drag: wp.array[wp.float64],
-    damping: wp.array[wp.float64],
-    friction: wp.array[wp.float64],
-    factors: wp.array2d[wp.float64],
-    rises: wp.array3d[wp.float64],
-    stiffness: wp.array[wp.float64],
-    cable: Properties,
-    curl: wp.array3d[wp.float64],
-    strands: wp.array3d[wp.float64],
-    before: wp.array2d[wp.vec3d],
+    state: CableState,
+    cable: CableProperties,
+    table: TableProperties,
+    memory: CableMemory,
     force: wp.array2d[wp.vec3d],
 ):
     """Sum the forces on the vertices after the gripped two of each active cable.
 
     Args:
         worlds: Index of each active cable in the batch, shape [active].
-        vertices: Positions up to the endpoint [m], shape [active, vertex].
-        velocity: Velocities of the vertices [m/s], same shape.
-        cos_roll: Cosine of the roll of each edge but the gripped one [-], shape
-            [active, edge - 1].
-        sin_roll: Sine of that roll [-], same shape.
-        roll_rate: Rate of that roll [rad/s], same shape.
         elapsed: Time since the last evaluation [s], in which the cable yields.
-        edge: Lengths of the edges [m], shape [edge].
-        weight: Weight of each free vertex [N], shape [vertex - 2].
-        drag: Drag of each edge per squared speed [N s^2/m^2], shape [edge].
-        damping: Linear damping of each free vertex [N s/m], shape [vertex - 2].
-        friction: Coulomb coefficient that MuJoCo applies [-], shape [world].
-        factors: Map of the friction [-], shape [x, y].
-        rises: Steps of the table [m], shape [2, x, y].
-        stiffness: Bending stiffness at each inner vertex [N m^2], shape [vertex - 2].
-        cable: Properties of the cable.
-        curl: Curvature at rest, sideways and upwards [1/m], shape [world, 2, vertex - 2].
-        strands: Elastic bend at the last evaluation and slip of the strands, each sideways and
-            upwards [1/m], shape [world, 4, vertex - 2].
-        before: Velocities at the last evaluation [m/s], shape [world, vertex - 2].
+        state: Where the active cables are, and how they move.
+        cable: Properties of the cables.
+        table: Friction and steps of the table.
+        memory: What the cables keep from one evaluation to the next.
         force: Forces to fill [N], shape [active, vertex - 2].
     """
     row = wp.tid()
@@ -391,36 +424,36 @@ def sum_forces(
     count = force.shape[1]
     ahead, half_ahead = wp.vec3d(), wp.vec3d()
     moment_ahead, push_ahead = wp.vec3d(), wp.vec3d()
-    here = _direction(vertices[row, count], vertices[row, count + 1])
+    here = _direction(state.vertices[row, count], state.vertices[row, count + 1])
     # What the outer part of the cable takes to be moved as it is: the edge pulls it with that.
     taken = wp.vec3d()
     for back in range(count):
         free = count - 1 - back
         is_last = back == 0
-        place = vertices[row, free + 2]
-        v = velocity[row, free + 2]
-        behind = _direction(vertices[row, free], vertices[row, free + 1])
-        half = _air(velocity[row, free + 1], v, here, drag[free + 1])
-        total = half - damping[free] * v
+        place = state.vertices[row, free + 2]
+        v = state.velocity[row, free + 2]
+        behind = _direction(state.vertices[row, free], state.vertices[row, free + 1])
+        half = _air(state.velocity[row, free + 1], v, here, cable.drag[free + 1])
+        total = half - cable.damping[free] * v
         along = here
-        rolling = roll_rate[row, free]
+        rolling = state.roll_rate[row, free]
+        weight = cable.weight[free]
         if not is_last:
             total = total + half_ahead
             along = here + ahead
-            rolling = (rolling + roll_rate[row, free + 1]) / wp.float64(2.0)
-        local = _local_friction(place, factors, cable)
-        total = total + _table(
-            place, v, along, rolling, weight[free], friction[world], local, cable
-        )
-        if rises.shape[1] > 1:
-            total = total + _edge(place, v, weight[free], rises, cable)
+            rolling = (rolling + state.roll_rate[row, free + 1]) / wp.float64(2.0)
+        local = _local_friction(place, table)
+        base = table.applied[world]
+        total = total + _slide(place, v, along, rolling, weight, base, local, cable, table)
+        if table.rises.shape[1] > 1:
+            total = total + _edge(place, v, weight, cable, table)
         tension = wp.float64(0.0)
         if cable.slip_tension > wp.float64(0.0):
-            mass = weight[free] / wp.float64(GRAVITY)
+            mass = weight / wp.float64(GRAVITY)
             if is_last:
                 mass = mass + cable.tip_mass
-            rate = (v - before[world, free]) / wp.max(elapsed, wp.float64(1e-6))
-            before[world, free] = v
+            rate = (v - memory.velocity[world, free]) / wp.max(elapsed, wp.float64(1e-6))
+            memory.velocity[world, free] = v
             load = mass * rate
             if place[2] < cable.radius + _TOUCH:
                 speed = wp.sqrt(_dot(v, v) + _SLIP_SPEED * _SLIP_SPEED)
@@ -429,28 +462,14 @@ def sum_forces(
                 load = load + wp.vec3d(wp.float64(0.0), wp.float64(0.0), mass * wp.float64(GRAVITY))
             taken = taken + load
             tension = wp.clamp(-_dot(taken, here), wp.float64(0.0), _TENSION_MAX)
-        cell = (edge[free + 1] + edge[free]) / wp.float64(2.0)
-        cos, sin = cos_roll[row, free], sin_roll[row, free]
-        moment = _moment(
-            behind,
-            here,
-            cos,
-            sin,
-            cell,
-            elapsed,
-            tension,
-            cable,
-            curl,
-            strands,
-            stiffness,
-            world,
-            free,
-        )
+        cell = (cable.edge[free + 1] + cable.edge[free]) / wp.float64(2.0)
+        cos, sin = state.cos_roll[row, free], state.sin_roll[row, free]
+        moment = _moment(behind, here, cos, sin, cell, elapsed, tension, cable, memory, world, free)
         # Each moment turns the edge behind its vertex, and the edge before it the other way.
         torque = moment
         if not is_last:
             torque = moment - moment_ahead
-        push = wp.cross(torque, here) / edge[free + 1]
+        push = wp.cross(torque, here) / cable.edge[free + 1]
         turned = push
         if not is_last:
             turned = push - push_ahead
@@ -462,17 +481,15 @@ def sum_forces(
         here = behind
 
 
-_SHARED = (
+_OF_CABLE = (
     "grain",
     "yield_curvature",
     "yield_time",
-    "static_excess",
-    "stribeck_speed",
-    "friction_rise",
     "strand_share",
     "slip_curvature",
     "slip_tension",
 )
+_OF_TABLE = ("static_excess", "stribeck_speed", "friction_rise")
 
 
 class CableForces:
@@ -509,48 +526,48 @@ class CableForces:
         # Arrays of Warp's that numpy sees: nothing is allocated or copied from window to window.
         self._worlds: Any = wp.zeros(world_count, dtype=wp.int32, device="cpu")
         self._force: Any = wp.zeros((world_count, free_count), dtype=wp.vec3d, device="cpu")
-        vectors = (world_count, free_count + 2)
-        self._motion = [wp.zeros(vectors, dtype=wp.vec3d, device="cpu") for _ in range(2)]
-        scalars = (world_count, free_count)
-        self._motion += [wp.zeros(scalars, dtype=wp.float64, device="cpu") for _ in range(3)]
-        self._views = [array.numpy() for array in self._motion]
+        state, self._views = CableState(), []
+        for name, width, dtype in (
+            ("vertices", free_count + 2, wp.vec3d),
+            ("velocity", free_count + 2, wp.vec3d),
+            ("cos_roll", free_count, wp.float64),
+            ("sin_roll", free_count, wp.float64),
+            ("roll_rate", free_count, wp.float64),
+        ):
+            array: Any = wp.zeros((world_count, width), dtype=dtype, device="cpu")
+            setattr(state, name, array)
+            self._views.append(array.numpy())
         self._world_view, self._force_view = self._worlds.numpy(), self._force.numpy()
-        properties = Properties()
-        properties.radius = cable.radius
-        for name in _SHARED:
+        properties = CableProperties()
+        properties.radius, properties.tip_mass = cable.radius, truth.endpoint_mass
+        for name in _OF_CABLE:
             setattr(properties, name, getattr(truth, name))
-        properties.friction = truth.friction * (1.0 + truth.static_excess)
-        properties.seam_width, properties.tip_mass = friction_map.seam_width, truth.endpoint_mass
-        properties.map_origin = wp.vec2d(*friction_map.origin)
-        properties.map_cell = CELL
-        drag = 0.5 * AIR_DENSITY * truth.drag * cable.diameter * edge
-        weight, damping = GRAVITY * masses[2:], truth.linear_damping * masses[2:]
-        stiff = truth.bend_stiffness * (np.ones(free_count) if stiffness is None else stiffness)
-        constant = (edge, weight, drag, damping, friction, friction_map.factors)
+        properties.edge = _shared(edge)
+        properties.weight = _shared(GRAVITY * masses[2:])
+        properties.drag = _shared(0.5 * AIR_DENSITY * truth.drag * cable.diameter * edge)
+        properties.damping = _shared(truth.linear_damping * masses[2:])
+        properties.stiffness = _shared(
+            truth.bend_stiffness * (np.ones(free_count) if stiffness is None else stiffness)
+        )
+        table = TableProperties()
+        table.friction = truth.friction * (1.0 + truth.static_excess)
+        for name in _OF_TABLE:
+            setattr(table, name, getattr(truth, name))
+        table.applied = _shared(friction)
+        table.origin, table.cell = wp.vec2d(*friction_map.origin), CELL
+        table.seam_width = friction_map.seam_width
+        table.factors, table.rises = _shared(friction_map.factors), _shared(friction_map.rises)
         strands = np.zeros((world_count, 4, free_count))
         strands[:, :2] = -curl
-        # They share their memory with numpy's.
-        *fixed, rises, stiff, bent, strands = (
-            wp.array(np.ascontiguousarray(values), dtype=wp.float64, device="cpu", copy=False)
-            for values in (*constant, friction_map.rises, stiff, curl, strands)
-        )
-        before = wp.zeros((world_count, free_count), dtype=wp.vec3d, device="cpu")
+        memory = CableMemory()
+        memory.curl, memory.strands = _shared(curl), _shared(strands)
+        memory.velocity = wp.zeros((world_count, free_count), dtype=wp.vec3d, device="cpu")
+        # The launch keeps addresses; these keep what lies there.
+        self._kept = state, properties, table, memory
         self._launch: Any = wp.launch(
             sum_forces,
             dim=world_count,
-            inputs=[
-                self._worlds,
-                *self._motion,
-                0.0,
-                *fixed,
-                rises,
-                stiff,
-                properties,
-                bent,
-                strands,
-                before,
-                self._force,
-            ],
+            inputs=[self._worlds, 0.0, *self._kept, self._force],
             device="cpu",
             record_cmd=True,
         )
@@ -576,3 +593,8 @@ class CableForces:
         self._launch.set_param_by_name("elapsed", elapsed)
         self._launch.launch()
         return self._force_view[:count]
+
+
+def _shared(values: Array) -> Any:
+    """Return an array of Warp's that shares its memory with numpy's."""
+    return wp.array(np.ascontiguousarray(values), dtype=wp.float64, device="cpu", copy=False)

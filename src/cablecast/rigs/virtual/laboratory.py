@@ -33,7 +33,7 @@ from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import VirtualConfig
 from cablecast.rigs.virtual.forces import CableForces, friction_map
 from cablecast.rigs.virtual.scene import Scene, build_scene
-from cablecast.rigs.virtual.trials import Drift, Trial, find_library, initial_curl, reset_shape
+from cablecast.rigs.virtual.trials import Drift, Trial, initial_curl, reset_shape
 from cablecast.setup import Setup
 
 Array = NDArray[np.float64]
@@ -70,20 +70,19 @@ class Laboratory:
     Args:
         setup: Cable, workspace, arm and motion settings.
         config: Settings of the laboratory.
+        seed: Seed of what differs from day to day.
     """
 
-    def __init__(self, setup: Setup, config: VirtualConfig):
+    def __init__(self, setup: Setup, config: VirtualConfig, seed: int = 0):
         self.setup = setup
         self.config = config
         self.window = max(1, round(_WINDOW / config.dt))
-        strengths = effect_strengths(config.version, config.lab_seed, config.without)
+        strengths = effect_strengths(config.lab_seed, config.without)
         self._truth: HiddenCable = hidden_cable(setup.cable, config.lab_seed, strengths)
         self._servos = hidden_arm(config.lab_seed, strengths)
         table = hidden_table(config.lab_seed, strengths)
         self._map = friction_map(table, setup.workspace)
-        self._drift = Drift.of(table)
-        has_library = config.version == 4 and config.stored_resets
-        self._library = find_library(setup, config.lab_seed) if has_library else None
+        self.drift = Drift.of(table, seed)
         self.scene: Scene = build_scene(
             setup.cable, self._truth, setup.workspace, config.segment_count, config.dt, table.tilt
         )
@@ -91,9 +90,7 @@ class Laboratory:
     def reset_shape(self, pose: Array, trial: Trial) -> Array:
         """Return the cable as the reset of a trial leaves it [m], shape [vertex, 3]."""
         scene, cable, spread = self.scene, self.setup.cable, self._truth.reset_spread
-        return reset_shape(
-            cable, pose, trial, scene.arc_lengths, scene.end_height, self._library, spread
-        )
+        return reset_shape(cable, pose, trial, scene.arc_lengths, scene.end_height, spread)
 
     def run(
         self,
@@ -150,9 +147,8 @@ class Cables:
             self._batch.expand(name) for name in ("flex_friction", "geom_friction")
         )
         for world, trial in enumerate(trials):
-            factor = trial.friction_factor * lab._drift.factor(trial)
-            friction[world, ..., 0] *= factor
-            tip_friction[world, :, 0] *= factor
+            friction[world, ..., 0] *= trial.friction_factor
+            tip_friction[world, :, 0] *= trial.friction_factor
             scene.lay_down(self._qpos[world], poses[world], shapes[world], trial.tip_roll)
         self._forces = CableForces(
             lab.setup.cable,
@@ -314,7 +310,7 @@ class LiveCable:
     """
 
     def __init__(self, setup: Setup, config: VirtualConfig, seed: int = 0):
-        self._lab = Laboratory(setup, config)
+        self._lab = Laboratory(setup, config, seed)
         self._seed = seed
         self._home = np.asarray(reset_pose(setup.workspace), dtype=float)
         self._cables: Cables | None = None
@@ -431,7 +427,8 @@ class LiveCable:
     def _lay_down(self, pose: Array) -> Trial:
         """Start a trial with the cable as a reset leaves it."""
         config = self._lab.config
-        trial = Trial.draw(config.noise, self._seed, self.trial_count)
+        drift = self._lab.drift.factor("", self.trial_count)
+        trial = Trial.draw(config.noise, self._seed, self.trial_count, drift)
         self.trial_count += 1
         shape = self._lab.reset_shape(pose, trial)
         if self.lies_aside:

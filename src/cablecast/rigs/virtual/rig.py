@@ -14,7 +14,7 @@ from cablecast.errors import check_count, check_seed
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.rigs.virtual._hidden import effect_strengths, hidden_camera
-from cablecast.rigs.virtual.config import CameraConfig, VirtualConfig
+from cablecast.rigs.virtual.config import LABORATORY_VERSION, CameraConfig, VirtualConfig
 from cablecast.rigs.virtual.laboratory import Laboratory
 from cablecast.rigs.virtual.sensing import RECORD_DT, Sensor, SensorCamera, SensorErrorModel
 from cablecast.rigs.virtual.trials import Trial
@@ -31,7 +31,8 @@ class RigVirtual(RigLifecycle):
     """A robot, a table and a cable that exist in MuJoCo only.
 
     The n-th trial of a purpose draws its own small differences from the seed, the purpose and n, so
-    that a rig made again with the same seed repeats the same sequence of trials.
+    that a rig made again with the same seed repeats the same sequence of trials. The table's
+    friction drifts on one clock for all purposes.
 
     Args:
         setup: Cable, workspace, arm and motion settings. The cable's parameters are what is
@@ -49,7 +50,7 @@ class RigVirtual(RigLifecycle):
         self.setup = setup
         self.seed = check_seed(seed)
         self.config = VirtualConfig() if config is None else config
-        self._draw_seed = self.seed
+        self._purpose = ""
         self._trial_count = 0
         recorded, sample_dt = self.config, self.config.sample_dt
         self._sensor: Sensor | None = None
@@ -57,12 +58,12 @@ class RigVirtual(RigLifecycle):
             self._sensor = SensorErrorModel(setup, sample_dt)
         elif recorded.sensing == "camera":
             lab_seed = recorded.lab_seed
-            strengths = effect_strengths(recorded.version, lab_seed, recorded.without)
+            strengths = effect_strengths(lab_seed, recorded.without)
             camera = CameraConfig.over(setup.workspace).troubled(hidden_camera(lab_seed, strengths))
             self._sensor = SensorCamera(setup, sample_dt, lab_seed, camera)
         if self._sensor is not None:
             recorded = dataclasses.replace(self.config, sample_dt=RECORD_DT)
-        self._lab = Laboratory(setup, recorded)
+        self._lab = Laboratory(setup, recorded, self.seed)
         # The last trial as it really was, and the picture of its end once somebody asked for it.
         self._last: EndpointTrack | None = None
         self._camera: VirtualCamera | None = None
@@ -70,7 +71,7 @@ class RigVirtual(RigLifecycle):
         settings = setup.to_settings()
         self.description: dict[str, Any] = {
             "rig": "virtual",
-            "laboratory_version": self.config.version,
+            "laboratory_version": LABORATORY_VERSION,
             "cable": setup.cable.name,
             "seed": self.seed,
             "config": dataclasses.asdict(self.config),
@@ -88,7 +89,9 @@ class RigVirtual(RigLifecycle):
             InputError: The index is negative, or there is no such purpose.
         """
         self._check_open()
-        self._draw_seed = purpose_seed(self.seed, purpose)
+        # Refuses what is no purpose.
+        purpose_seed(self.seed, purpose)
+        self._purpose = purpose
         self._trial_count = check_count("trial index", index, 0)
 
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
@@ -137,9 +140,10 @@ class RigVirtual(RigLifecycle):
     def _run(
         self, trajectories: Sequence[Trajectory], progress: Callable[[int], None] | None
     ) -> list[EndpointTrack]:
-        first, seed = self._trial_count, self._draw_seed
+        first, seed = self._trial_count, purpose_seed(self.seed, self._purpose)
         trials = [
-            Trial.draw(self.config.noise, seed, first + index) for index in range(len(trajectories))
+            Trial.draw(self.config.noise, seed, index, self._lab.drift.factor(self._purpose, index))
+            for index in range(first, first + len(trajectories))
         ]
         tracks = self._lab.run(trajectories, trials, progress)
         self._trial_count = first + len(trajectories)

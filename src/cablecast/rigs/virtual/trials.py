@@ -1,51 +1,26 @@
-"""Differences from trial to trial: the state after the reset, the table, and the arm.
-
-A whole reset takes 14 s of simulated time, ten times as long as a cast. So it is played in advance
-by tools/make_reset_library.py, many times, each time after another cast, and what is kept is how
-the cable came to rest. A trial then starts from one of these states.
-
-Only the presets in the default laboratory have them, and only where the reset moves the gripper as
-it did when they were made: another table, or another height of the grip, may ask for another
-motion. Any other cable starts from a drawn bow.
-"""
+"""Differences from trial to trial: the state after the reset, the table, and the arm."""
 
 import dataclasses
-import functools
-import io
-import json
-import pathlib
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import Cable, load_cable
-from cablecast.errors import DatasetError, InputError
-from cablecast.files import read_bytes, write_bytes
-from cablecast.motion.polar import reset_path, reset_pose
-from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable, is_preset
+from cablecast.cable import Cable
+from cablecast.rigs.checked import RETRY_STRIDE
+from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable
 from cablecast.rigs.virtual.config import TrialNoise
-from cablecast.setup import Setup
 
 Array = NDArray[np.float64]
-
-FORMAT = "cablecast.reset_library"
-FORMAT_VERSION = 1
 
 ASIDE_MAX = 0.012
 """Largest distance of an accepted reset's endpoint from straight ahead [m]: a camera sees a larger
 one, and the reset is done again."""
-AHEAD_MIN = 0.97
-"""Smallest distance ahead of an accepted reset's endpoint, as a share of the cable's length: a
-cable that lies nearer is folded."""
 
 RESET_WAVES = np.array([1.0, 1.0, 0.5, 0.5, 0.5, 0.3, 0.3])
 """Deviations of the heading that a reset leaves along a cable, as multiples of its spread: where it
 comes down from the grip, and in six sines of whole half waves. Simulated resets left these, within
 a factor of two."""
 
-_PATH_TOLERANCE = 1e-9
-"""Two reset motions are one if they differ by no more than rounding [m and rad]."""
 # Length of the ramp from the grip to the table in multiples of the grip's height.
 _RAMP_RATIO = 6.0
 # Length over which a thick attachment lifts the cable's end [m].
@@ -55,169 +30,40 @@ _SIGMA_MAX = 3.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ResetLibrary:
-    """States in which resets left one cable.
-
-    Attributes:
-        cable: Name of the cable.
-        arc_lengths: Distance of each node from the grip along the cable [m], shape [node].
-        positions: Nodes seen from the grip: x to its right, y ahead, z up [m], shape
-            [state, node, 3].
-        before_xy: Endpoint before each reset, in the base frame [m], shape [state, 2].
-        info: Settings that the states were computed with.
-    """
-
-    cable: str
-    arc_lengths: Array
-    positions: Array
-    before_xy: Array
-    info: dict[str, Any]
-
-    def __len__(self) -> int:
-        return len(self.positions)
-
-    @property
-    def endpoints(self) -> Array:
-        """Endpoints seen from the grip, x to the right and y ahead [m], shape [state, 2]."""
-        return self.positions[:, -1, :2]
-
-    def accepted(self) -> NDArray[np.intp]:
-        """Return the states that a trial may start from: those straight ahead, or all without one.
-
-        Returns:
-            Indices, shape [accepted].
-        """
-        aside, ahead = self.endpoints.T
-        stretched = ahead >= AHEAD_MIN * self.arc_lengths[-1]
-        near = np.flatnonzero((np.abs(aside) <= ASIDE_MAX) & stretched)
-        return near if len(near) else np.arange(len(self))
-
-    def resample(self, index: int, arc_lengths: Array) -> Array:
-        """Return one state at other distances from the grip along the cable [m], shape [vertex].
-
-        Nodes are seen from the grip [m], shape [vertex, 3].
-        """
-        from scipy.interpolate import CubicSpline
-
-        return CubicSpline(self.arc_lengths, self.positions[index])(arc_lengths)
-
-    def save(self, path: pathlib.Path) -> None:
-        """Write the library whole or not at all; nothing in it is pickled."""
-        kind = {"format": FORMAT, "format_version": FORMAT_VERSION}
-        meta = kind | {"cable": self.cable, "info": self.info}
-        buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer,
-            allow_pickle=False,
-            meta=np.array(json.dumps(meta)),
-            arc_lengths=self.arc_lengths,
-            # Micrometres are more than anyone can tell.
-            positions=np.round(self.positions, 6).astype(np.float32),
-            before_xy=np.round(self.before_xy, 6),
-        )
-        write_bytes(path, buffer.getvalue())
-
-    @classmethod
-    def load(cls, path: pathlib.Path) -> "ResetLibrary":
-        """Return the library that `save` wrote."""
-        import zipfile
-        import zlib
-
-        try:
-            with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as stored:
-                meta = json.loads(str(stored["meta"]))
-                arrays = {
-                    name: np.asarray(stored[name], dtype=float)
-                    for name in ("arc_lengths", "positions", "before_xy")
-                }
-            if (meta["format"], meta["format_version"]) != (FORMAT, FORMAT_VERSION):
-                raise InputError(f"its format is not that of version {FORMAT_VERSION}")
-            return cls(cable=meta["cable"], info=meta["info"], **arrays)
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-            raise DatasetError(f"no reset library at {path}: {error}") from None
-
-
-def library_path(cable_name: str) -> pathlib.Path:
-    """Return the place of a preset's library in the package."""
-    return pathlib.Path(__file__).with_name(f"reset_{cable_name}.npz")
-
-
-def find_library(setup: Setup, lab_seed: int = 0) -> ResetLibrary | None:
-    """Return the library that holds for a set-up, where there is one.
-
-    Only the default laboratory has libraries. A user's own cable has none, nor has a preset whose
-    geometry was changed.
-    """
-    if lab_seed != 0 or not is_preset(setup.cable) or not _moves_as_stored(setup):
-        return None
-    return _packaged(setup.cable.name)
-
-
-def _moves_as_stored(setup: Setup) -> bool:
-    """Return whether the reset moves the gripper as in the paper's set-up.
-
-    Tuned parameters of the cable are left out: they change what is believed, not what is true.
-    """
-    preset = load_cable(setup.cable.name)
-    stored, here = Setup(cable=preset), dataclasses.replace(setup, cable=preset)
-    try:
-        paths = [reset_path(reset_pose(s.workspace), s) for s in (stored, here)]
-    except InputError:
-        return False
-    knots, coefficients = ([getattr(p, n) for p in paths] for n in ("knots", "coefficients"))
-    if coefficients[0].shape != coefficients[1].shape:
-        return False
-    same = functools.partial(np.allclose, rtol=0.0, atol=_PATH_TOLERANCE)
-    return same(*knots) and same(*(values[..., 0] for values in coefficients))
-
-
-@functools.cache
-def _packaged(cable_name: str) -> ResetLibrary | None:
-    path = library_path(cable_name)
-    return ResetLibrary.load(path) if path.is_file() else None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Trial:
     """One draw of everything that the laboratory leaves to chance.
 
     Attributes:
         key: Seed of the rig and index of the trial, which seed all further draws.
         noise: Deviations from trial to trial.
-        bow: Sideways bow at the middle of the cable [m].
-        sway: Sideways S-shape at the quarters [m].
-        angle: Direction of the cable from the grip's yaw [rad].
         tip_roll: Turn of the lying attachment about the cable [rad].
         curl: Curvature left by earlier trials, in two waves along the cable [1/m], shape [2].
-        friction_factor: Factor of the friction [-].
+        friction_factor: Factor of the friction, of which the drift is a part [-].
         torque_factor: Factor of the torque of the arm's base joint [-].
     """
 
     key: tuple[int, int]
     noise: TrialNoise
-    bow: float
-    sway: float
-    angle: float
     tip_roll: float
     curl: tuple[float, float]
     friction_factor: float
     torque_factor: float
 
     @classmethod
-    def draw(cls, noise: TrialNoise, seed: int, index: int) -> "Trial":
-        """Draw the index-th trial of a seed; equal arguments give equal trials."""
+    def draw(cls, noise: TrialNoise, seed: int, index: int, drift: float = 1.0) -> "Trial":
+        """Draw the index-th trial of a seed; equal arguments give equal trials.
+
+        The drift is the factor by which the table's friction has changed by then [-].
+        """
         rng = np.random.default_rng([seed, index])
-        n = np.clip(rng.normal(size=8), -_SIGMA_MAX, _SIGMA_MAX)
+        n = np.clip(rng.normal(size=5), -_SIGMA_MAX, _SIGMA_MAX)
         return cls(
             key=(seed, index),
             noise=noise,
-            bow=noise.bow * n[0],
-            sway=noise.sway * n[1],
-            angle=noise.angle * n[2],
-            tip_roll=noise.tip_roll * n[3],
-            curl=(noise.curl * n[4], noise.curl * n[5]),
-            friction_factor=float(np.exp(noise.friction * n[6])),
-            torque_factor=float(np.exp(noise.torque * n[7])),
+            tip_roll=noise.tip_roll * n[0],
+            curl=(noise.curl * n[1], noise.curl * n[2]),
+            friction_factor=drift * float(np.exp(noise.friction * n[3])),
+            torque_factor=float(np.exp(noise.torque * n[4])),
         )
 
     def rng(self, stream: int) -> np.random.Generator:
@@ -239,42 +85,45 @@ class Trial:
         return scale[:, None, None] * self.rng(3).normal(size=(2, count, joint_count))
 
 
+DAY_STARTS = {"": 0, "tune": 0, "repeat": 0, "real": 10, "aim": 10}
+"""Reading of the table's clock at the first cast of each purpose [casts]: a day begins with ten
+casts to calibrate, and what is cast for their sake follows."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Drift:
     """Friction that wanders over the casts, with the wear of the table and the air of the day.
 
+    There is one clock, of a table and a rig's seed, which casts of every purpose read. Its reading
+    follows from purpose and number of a cast, so that a session that is resumed goes on with it.
+
     Attributes:
         amplitude: Largest relative change [-].
         period: Casts in which it goes up and down once.
+        start: Phase at the first cast of the day [rad].
     """
 
     amplitude: float
     period: float
+    start: float
 
     @classmethod
-    def of(cls, table: HiddenTable) -> "Drift":
-        """Return the drift on a table."""
-        return cls(amplitude=table.drift, period=table.drift_period)
+    def of(cls, table: HiddenTable, seed: int) -> "Drift":
+        """Return the drift on a table for a rig's seed."""
+        start = float(np.random.default_rng([seed, 6]).uniform(0.0, 2 * np.pi))
+        return cls(amplitude=table.drift, period=table.drift_period, start=start)
 
-    def factor(self, trial: Trial) -> float:
-        """Return the factor of the friction in a trial, whose seed says where the day starts."""
-        if self.amplitude == 0.0:
-            return 1.0
-        seed, index = trial.key
-        start = np.random.default_rng([seed, 6]).uniform(0.0, 2 * np.pi)
-        return float(np.exp(self.amplitude * np.sin(2 * np.pi * index / self.period + start)))
+    def factor(self, purpose: str, index: int) -> float:
+        """Return the factor of the friction in the index-th cast of a purpose [-]."""
+        # A cast that is made again, whose index is larger by a million, follows the failed one.
+        count = DAY_STARTS[purpose] + index % RETRY_STRIDE
+        return float(np.exp(self.amplitude * np.sin(2 * np.pi * count / self.period + self.start)))
 
 
 def reset_shape(
-    cable: Cable,
-    pose: Array,
-    trial: Trial,
-    arc_lengths: Array,
-    end_height: float,
-    library: ResetLibrary | None = None,
-    spread: float | None = None,
+    cable: Cable, pose: Array, trial: Trial, arc_lengths: Array, end_height: float, spread: float
 ) -> Array:
-    """Return the vertices of the cable as a reset leaves it, along the grip's yaw.
+    """Return the vertices of the cable as a reset leaves it, nearly straight along the grip's yaw.
 
     Args:
         cable: Geometry of the cable.
@@ -282,21 +131,12 @@ def reset_shape(
         trial: Draw of this trial.
         arc_lengths: Distance of each vertex from the grip along the cable [m], shape [vertex].
         end_height: Height of the lying endpoint [m].
-        library: States of simulated resets; the shape is drawn, nearly straight, where None.
-        spread: Standard deviation of the heading that a reset leaves [rad], for a shape of version
-            5; None for one of version 4.
+        spread: Standard deviation of the heading that a reset leaves [rad].
 
     Returns:
         Positions in the base frame [m], shape [vertex, 3].
     """
-    if library is None:
-        local = _drawn_shape(cable, pose[2], trial, arc_lengths, end_height, spread)
-    else:
-        # A laboratory whose resets are all alike starts from the same one.
-        alike = trial.noise.bow == trial.noise.sway == trial.noise.angle == 0.0
-        accepted = library.accepted()
-        state = int(accepted[0] if alike else trial.rng(4).choice(accepted))
-        local = library.resample(state, arc_lengths) + [0.0, 0.0, pose[2]]
+    local = _drawn_shape(cable, pose[2], trial, arc_lengths, end_height, spread)
     cos, sin = np.cos(pose[3]), np.sin(pose[3])
     positions = np.empty_like(local)
     positions[:, 0] = pose[0] + cos * local[:, 0] + sin * local[:, 1]
@@ -311,7 +151,7 @@ def _drawn_shape(
     trial: Trial,
     arc_lengths: Array,
     end_height: float,
-    spread: float | None,
+    spread: float,
 ) -> Array:
     """Draw a nearly straight shape, seen from the grip but for its heights [m], [vertex, 3]."""
     drop = grip_height - cable.radius
@@ -326,11 +166,6 @@ def _drawn_shape(
     step = np.sqrt(np.diff(arc_lengths) ** 2 - np.diff(height) ** 2)
     middle = (arc_lengths[1:] + arc_lengths[:-1]) / 2 / cable.length
     # Slopes of the sideways shapes; all vanish at the grip, which holds the tangent.
-    if spread is None:
-        heading = trial.angle * (1.0 - np.exp(-middle / 0.15))
-        heading = heading + trial.bow * np.pi / cable.length * np.sin(2 * np.pi * middle)
-        heading = heading + trial.sway * 2 * np.pi / cable.length * np.sin(4 * np.pi * middle)
-        return _laid(step, heading, height)
     waves = np.sin(np.pi * np.arange(1, len(RESET_WAVES)) * middle[:, None])
     waves = np.column_stack([1.0 - np.exp(-middle * cable.length / 0.15), waves])
     rng, scale = trial.rng(5), trial.noise.reset * spread

@@ -193,7 +193,7 @@ class TwinLaboratory:
         self.controller.program_size_max = config.program_size_max
         self.cable: LiveCable | None = None
         if config.has_cable:
-            lab = VirtualConfig(version=4, segment_count=config.segment_count)
+            lab = VirtualConfig(segment_count=config.segment_count)
             self.cable = LiveCable(setup, lab, config.seed)
         # Phases that were said since the last tick: a slow tick may miss a short one.
         self._said: set[str] = set()

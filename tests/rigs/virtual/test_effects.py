@@ -1,4 +1,4 @@
-"""Version 5 of the laboratory: its effects one by one, its other laboratories, and its freeze."""
+"""The laboratory: its effects one by one, its other laboratories, and its freeze."""
 
 import dataclasses
 import hashlib
@@ -11,7 +11,9 @@ from cablecast.cable import CABLE_NAMES, Attachment, load_cable
 from cablecast.errors import InputError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import plan_trajectory
+from cablecast.rigs.checked import RETRY_STRIDE
 from cablecast.rigs.virtual._hidden import (
+    _PRESETS,
     EFFECTS,
     HiddenArm,
     HiddenTable,
@@ -42,7 +44,7 @@ LABS = range(1, 7)
 @pytest.fixture
 def truth():
     return dataclasses.replace(
-        hidden_cable(CABLE, 0), drag=0.0, linear_damping=0.0, curl=0.0, grain=0.0
+        hidden_cable(CABLE, 0, {}), drag=0.0, linear_damping=0.0, curl=0.0, grain=0.0
     )
 
 
@@ -161,8 +163,8 @@ def test_an_edge_brakes_what_climbs_it_and_the_way_back_is_downhill(truth):
         assert up < down < 0.0
 
 
-def test_a_table_that_slopes_pulls_aside_and_version_4_is_level():
-    truth = hidden_cable(CABLE, 0)
+def test_a_table_that_slopes_pulls_aside():
+    truth = hidden_cable(CABLE, 0, {})
     level = build_scene(CABLE, truth, Workspace(), 8, 1e-3).model
     slope = build_scene(CABLE, truth, Workspace(), 8, 1e-3, (0.004, -0.002)).model
     np.testing.assert_array_equal(level.opt.gravity, [0.0, 0.0, -9.81])
@@ -170,7 +172,7 @@ def test_a_table_that_slopes_pulls_aside_and_version_4_is_level():
 
 
 def test_a_cable_is_stiffer_here_than_there_but_as_heavy_and_held_softly():
-    plain = dataclasses.replace(hidden_cable(CABLE, 0), field_seed=3)
+    plain = dataclasses.replace(hidden_cable(CABLE, 0, {}), field_seed=3)
     uneven = dataclasses.replace(plain, stiffness_field=0.2, mass_field=0.05)
     held = dataclasses.replace(plain, pad_stiffness=0.25)
     scenes = [build_scene(CABLE, truth, Workspace(), 16, 1e-3) for truth in (plain, uneven, held)]
@@ -183,7 +185,7 @@ def test_a_cable_is_stiffer_here_than_there_but_as_heavy_and_held_softly():
 
 
 def test_a_kink_turns_the_cable_by_its_angle():
-    truth = dataclasses.replace(hidden_cable(CABLE, 0), curl=0.0, kink=0.2, kink_place=0.4)
+    truth = dataclasses.replace(hidden_cable(CABLE, 0, {}), curl=0.0, kink=0.2, kink_place=0.4)
     arc = np.linspace(0.0, CABLE.length, COUNT)
     curl = initial_curl(Trial.draw(TrialNoise.none(), 0, 0), truth, arc)[0]
     assert (curl * arc[1]).sum() == pytest.approx(0.2)
@@ -193,7 +195,7 @@ def test_a_kink_turns_the_cable_by_its_angle():
 def test_a_hook_swings_in_its_loop_as_far_as_its_play():
     import mujoco
 
-    truth = dataclasses.replace(hidden_cable(CABLE, 0), play=0.4)
+    truth = dataclasses.replace(hidden_cable(CABLE, 0, {}), play=0.4)
     scene = build_scene(CABLE, truth, Workspace(grip_height=0.5, table_near_y=-5.0), 12, 1e-3)
     data = mujoco.MjData(scene.model)
     swing = slice(scene.tip_slice.stop, scene.tip_slice.stop + scene.extra_count)
@@ -212,7 +214,7 @@ def test_the_rigid_arm_stands_where_its_kinematics_say(model):
     import mujoco
 
     arm = ArmUR(model=model, base_yaw_deg=30.0)
-    rigid = RigidArm(arm, hidden_arm(0, effect_strengths(5, 0)), 1e-3)
+    rigid = RigidArm(arm, hidden_arm(0, effect_strengths(0)), 1e-3)
     data = mujoco.MjData(rigid.model)
     q = np.array([0.3, -1.1, 1.7, -2.0, -1.4, 0.5])
     data.qpos[3:] = q
@@ -231,7 +233,7 @@ ONE = (np.ones((1, 6)), np.ones(1))
 
 
 def test_an_arm_that_is_told_to_stand_stands_and_one_that_jumps_sways():
-    rigid = RigidArm(ArmUR(), hidden_arm(0, effect_strengths(5, 0)), 1e-3)
+    rigid = RigidArm(ArmUR(), hidden_arm(0, effect_strengths(0)), 1e-3)
     set_points, rates = still(HOME)
     q, _, poses = rigid.follow(set_points, rates, *ONE)
     np.testing.assert_allclose(q, set_points, atol=1e-6)
@@ -266,23 +268,33 @@ def test_gears_that_rub_hold_an_arm_back():
     assert abs(ends[1] - 0.01) > 1e-3
 
 
-def test_friction_drifts_over_the_casts_and_equally_for_equal_seeds():
-    drift = Drift(amplitude=0.06, period=160.0)
-    noise = TrialNoise.none()
-    day = [drift.factor(Trial.draw(noise, 3, index)) for index in range(160)]
+def test_friction_drifts_slowly_from_cast_to_cast():
+    drift = Drift(amplitude=0.06, period=160.0, start=1.0)
+    day = [drift.factor("tune", index) for index in range(160)]
     assert max(day) == pytest.approx(np.exp(0.06), abs=1e-3)
     assert max(abs(np.diff(day))) < 0.003
-    assert Drift(amplitude=0.0, period=160.0).factor(Trial.draw(noise, 3, 5)) == 1.0
+    assert Drift(amplitude=0.0, period=160.0, start=1.0).factor("aim", 5) == 1.0
+
+
+def test_casts_of_all_purposes_read_one_clock():
+    drift = Drift.of(dataclasses.replace(FLAT, drift=0.06), 3)
+    assert drift == Drift.of(dataclasses.replace(FLAT, drift=0.06), 3)
+    assert drift != Drift.of(dataclasses.replace(FLAT, drift=0.06), 4)
+    # Ten casts to calibrate with come first; aimed and real casts go on from there.
+    for purpose in ("aim", "real"):
+        assert drift.factor(purpose, 0) == drift.factor("tune", 10)
+    # A cast that is made again is made at the same time of the day.
+    assert drift.factor("aim", 7 + 2 * RETRY_STRIDE) == drift.factor("aim", 7)
 
 
 def test_every_laboratory_starts_from_equally_crooked_cables():
     arc = np.linspace(0.0, CABLE.length, COUNT)
     pose = np.array([0.0, 0.6, 0.02, 0.0, 0.0])
     for lab in (0, 1, 2):
-        truth = hidden_cable(CABLE, lab, effect_strengths(5, lab))
+        truth = hidden_cable(CABLE, lab, effect_strengths(lab))
         shapes = [
             reset_shape(CABLE, pose, trial, arc, CABLE.radius, spread=truth.reset_spread)
-            for trial in (Trial.draw(TrialNoise.of_version(5), 0, i) for i in range(40))
+            for trial in (Trial.draw(TrialNoise(), 0, i) for i in range(40))
         ]
         middle = np.std([shape[COUNT // 2, 0] for shape in shapes])
         assert 0.002 < middle < 0.02
@@ -290,22 +302,19 @@ def test_every_laboratory_starts_from_equally_crooked_cables():
 
 
 def test_an_effect_is_switched_off_without_changing_another():
-    usual = effect_strengths(5, 2)
+    usual = effect_strengths(2)
     for name in usual:
-        rest = effect_strengths(5, 2, (name,))
+        rest = effect_strengths(2, (name,))
         assert rest == {key: value for key, value in usual.items() if key != name}
-    assert effect_strengths(4, 2) is None
-    nothing = effect_strengths(5, 2, EFFECTS)
-    assert nothing == {}
-    assert hidden_cable(CABLE, 2, nothing) != hidden_cable(CABLE, 2, None)
-    plain = hidden_cable(CABLE, 0, effect_strengths(5, 0))
-    level = hidden_cable(CABLE, 0, effect_strengths(5, 0, ("kink",)))
+    assert effect_strengths(2, EFFECTS) == {}
+    plain = hidden_cable(CABLE, 0, effect_strengths(0))
+    level = hidden_cable(CABLE, 0, effect_strengths(0, ("kink",)))
     assert dataclasses.replace(plain, kink=0.0) == level
 
 
 def test_each_laboratory_has_an_own_selection_of_effects():
-    assert set(effect_strengths(5, 0)) == set(EFFECTS)
-    lists = {tuple(effect_strengths(5, lab)) for lab in LABS}
+    assert set(effect_strengths(0)) == set(EFFECTS)
+    lists = {tuple(effect_strengths(lab)) for lab in LABS}
     assert len(lists) == len(LABS)
     assert all("arm" in effects for effects in lists)
 
@@ -315,7 +324,7 @@ def test_hidden_values_of_laboratories_differ_by_ten_to_forty_per_cent(name):
     def value(lab):
         return getattr(hidden_cable(CABLE, lab, {"arm": 1.0}), name)
 
-    usual = getattr(hidden_cable(CABLE, 0), name)
+    usual = _PRESETS[name][0]
     off = [abs(np.log(value(lab) / usual)) for lab in range(40)]
     assert min(off) >= 0.0999
     assert max(off) <= 0.3401
@@ -323,23 +332,19 @@ def test_hidden_values_of_laboratories_differ_by_ten_to_forty_per_cent(name):
 
 
 def test_arms_and_tables_of_laboratories_differ():
-    arms = {hidden_arm(lab, effect_strengths(5, lab)) for lab in LABS}
-    tables = {hidden_table(lab, effect_strengths(5, lab)) for lab in LABS}
+    arms = {hidden_arm(lab, effect_strengths(lab)) for lab in LABS}
+    tables = {hidden_table(lab, effect_strengths(lab)) for lab in LABS}
     assert len(arms) == len(tables) == len(LABS)
 
 
-def test_unknown_versions_and_effects_are_refused():
-    with pytest.raises(InputError, match="version = 6"):
-        VirtualConfig(version=6)
+def test_unknown_effects_are_refused():
     with pytest.raises(InputError, match="'magic'"):
-        VirtualConfig(version=5, without=("magic",))
-    with pytest.raises(InputError, match="none in version 4"):
-        VirtualConfig(version=4, without=("tilt",))
+        VirtualConfig(without=("magic",))
 
 
 def test_a_users_own_cable_without_attachment_is_cast_too():
     bare = dataclasses.replace(CABLE, name="mine", attachment=Attachment.NONE)
-    truth = hidden_cable(bare, 3, effect_strengths(5, 3))
+    truth = hidden_cable(bare, 3, effect_strengths(3))
     assert truth.play == 0.0
     assert np.isfinite(truth.reset_spread)
 
@@ -356,17 +361,17 @@ FROZEN_VALUES = "bdba35f0c61f4222"
 
 
 @pytest.mark.parametrize("which", FROZEN_LANDINGS)
-def test_version_5_is_frozen(which):
+def test_version_6_is_frozen(which):
     cable, lab = which
     setup = Setup(cable=cable).with_motion(v_max=1.2)
     motion = plan_trajectory(Action(np.radians(-60), np.radians(50), 0.65), setup)
-    rig = RigVirtual(setup, 0, VirtualConfig(version=5, lab_seed=lab, sensing="exact"))
+    rig = RigVirtual(setup, 0, VirtualConfig(lab_seed=lab, sensing="exact"))
     rig.seek(1)
     track = rig.execute_many([motion])[0]
     np.testing.assert_allclose(track.final_xy, FROZEN_LANDINGS[which], atol=FROZEN_TOLERANCE)
 
 
-def test_the_hidden_values_of_version_5_are_frozen():
+def test_the_hidden_values_of_version_6_are_frozen():
     def plain(value):
         if isinstance(value, tuple):
             return [plain(item) for item in value]
@@ -374,9 +379,9 @@ def test_the_hidden_values_of_version_5_are_frozen():
 
     found = []
     for lab in range(4):
-        strengths = effect_strengths(5, lab)
+        strengths = effect_strengths(lab)
         cables = [hidden_cable(load_cable(name), lab, strengths) for name in CABLE_NAMES]
         for record in (*cables, hidden_arm(lab, strengths), hidden_table(lab, strengths)):
             found.append(plain(dataclasses.astuple(record)))
-    found.append(dataclasses.astuple(TrialNoise.of_version(5)))
+    found.append(dataclasses.astuple(TrialNoise()))
     assert hashlib.sha256(repr(found).encode()).hexdigest()[:16] == FROZEN_VALUES
