@@ -79,7 +79,11 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     "page": ("page:main", ("view",), "latencies, memory and frames of the page of `view`"),
     "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),
     "faults": ("faults:main", ("rigs/ur",), "faults of robot, camera and cable in every phase"),
-    "effects": ("effects:effects", LABORATORY, "shift of landings by each effect of the laboratory"),
+    "effects": (
+        "effects:effects",
+        LABORATORY,
+        "shift of landings by each effect of the laboratory",
+    ),
     "laboratory": (
         "laboratory:main",
         LABORATORY,

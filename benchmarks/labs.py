@@ -30,6 +30,7 @@ from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions, widest_ranges
+from cablecast.report.words import stop_text
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.folder import Parts
 from cablecast.tuning.fit import FitConfig
@@ -178,7 +179,7 @@ def aim_at(
             return {"refused": "aim", "reason": str(error), "right": False}
         for row in rows:
             result = cc.aim(session, rig, row["xy"])
-            row["stop"] = result.stops[0]
+            row["stop"] = "" if result.stops[0] is None else stop_text(result.stops[0])
             row["miss_pct"] = [cast.miss_pct if cast.landed else 100.0 for cast in result.casts[0]]
     return {}
 

@@ -26,6 +26,7 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.action import mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.task import LANDING
 
 COARSE, FINE = EngineWarp(12, 2e-3), EngineWarp(20, 1e-3)
 ACTIONS = mirror_to_right(feasible_uniform(3, SETUP, seed=5))[0]
@@ -53,6 +54,11 @@ def estimate_of(tracks, friction_xy=((0.0, 1.0), (0.0, 1.0)), expected=None):
 def predictor_of(policy, ensemble=None):
     """Return the predictor of a policy before any cast."""
     return LandingPredictor.of(dataclasses.replace(Beliefs.of(policy), ensemble=ensemble))
+
+
+def goal_at(xy):
+    """Return the goal of a landing at a place [m]."""
+    return LANDING.goals(SETUP, xy)[0]
 
 
 class _Assumed:
@@ -235,7 +241,9 @@ def test_a_curled_cable_is_simulated_on_the_side_that_it_is_cast_to():
 def test_the_aimer_prefers_casts_that_the_ensemble_agrees_on(policy):
     targets = np.array([[0.3, 1.1], [-0.25, 1.15], [0.5, 1.05], [-0.5, 1.1]])
     predictors = predictor_of(policy), predictor_of(policy, _Assumed())
-    swings = [[abs(propose(one, xy).action.theta1) for xy in targets] for one in predictors]
+    swings = [
+        [abs(propose(one, goal_at(xy)).action.theta1) for xy in targets] for one in predictors
+    ]
     assert max(swings[1]) < 0.5
     assert max(swings[0]) > 0.5
 
@@ -243,7 +251,7 @@ def test_the_aimer_prefers_casts_that_the_ensemble_agrees_on(policy):
 def test_casts_that_leave_the_table_in_the_ensemble_give_way_to_others(policy):
     targets = np.array([[0.3, 1.1], [-0.25, 1.15], [0.5, 1.05], [-0.5, 1.1]])
     predictor = predictor_of(policy, _Assumed(leaves_from=-0.2))
-    proposals = [propose(predictor, xy) for xy in targets]
+    proposals = [propose(predictor, goal_at(xy)) for xy in targets]
     assert max(abs(proposal.action.theta1) for proposal in proposals) < 0.2
     assert max(proposal.expected.failure for proposal in proposals) < 0.1
 
@@ -251,7 +259,7 @@ def test_casts_that_leave_the_table_in_the_ensemble_give_way_to_others(policy):
 def test_the_simulated_landing_is_expected_on_both_sides(policy):
     predictor = predictor_of(policy, _Assumed(policy.model, shift=(0.05, -0.03)))
     for side in (1.0, -1.0):
-        choice = propose(predictor, [side * 0.3, 1.1])
+        choice = propose(predictor, goal_at([side * 0.3, 1.1]))
         plain, _, _ = predictor_of(policy).predict(choice.action.to_array())
         shift = LENGTH * np.array([side * 0.05, -0.03])
         np.testing.assert_allclose(choice.expected.mean, plain[0] + shift, atol=1e-9)
@@ -267,7 +275,7 @@ def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):
 
 def test_a_cast_moves_the_expected_landing_to_where_it_landed(policy):
     before = predictor_of(policy, _Assumed(policy.model, shift=(0.05, 0.0)))
-    choice = propose(before, [0.3, 1.1])
+    choice = propose(before, goal_at([0.3, 1.1]))
     seen = choice.expected.mean + LENGTH * np.array([0.08, 0.02])
     track = EndpointTrack(times=np.zeros(1), endpoint_xy=seen[None], status=TrialStatus.OK)
     after = before.with_casts([Cast.of_motion(choice.trajectory, track, "aim", choice)])

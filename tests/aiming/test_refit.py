@@ -90,7 +90,9 @@ def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig,
     believed = session.propose(TARGETS[0])
     # The simulators land far apart, and the region says so.
     sure = cc.AimSession(session.model.policy).propose(TARGETS[0])
-    assert believed.ellipse(0.9).semi_axes[0] > 1.5 * sure.ellipse(0.9).semi_axes[0]
+    assert (
+        believed.expected.ellipse(0.9).semi_axes[0] > 1.5 * sure.expected.ellipse(0.9).semi_axes[0]
+    )
 
     cc.aim(session, rig, [*TARGETS, [0.4, 1.0]])
     assert session.fitted_count == 0

@@ -319,17 +319,18 @@ def test_a_target_that_no_simulated_cast_comes_near_is_not_cast_at(policy):
     targets, stopped = [(0.3, 1.1), (1.0, 0.3)], []
     with rig_of(policy) as rig:
         session = session_of(policy, within_pct=3.0, anyway=False)
-        result = cc.aim(session, rig, targets, on_stop=lambda *stop: stopped.append(stop))
+        result = cc.aim(session, rig, targets, on_stop=stopped.append)
         assert [len(casts) > 0 for casts in result.casts] == [True, False]
-        assert result.stops[0] == ""
-        assert "no simulated cast" in result.stops[1]
-        assert "nearest landing of a simulated cast is r = " in result.stops[1]
-        assert [reason for _, reason in stopped] == [result.stops[1]]
+        assert result.stops[0] is None
+        assert stopped == [result.stops[1]]
+        assert result.stops[1].is_simulated
+        assert "no simulated cast" in stop_text(result.stops[1])
+        assert "nearest landing of a simulated cast is r = " in stop_text(result.stops[1])
         np.testing.assert_allclose(result.misses_pct(1)[1], np.nan)
         always = cc.AimSession(policy, config=cc.AimConfig(anyway=True, tries=2))
         result = cc.aim(always, rig, targets[1])
     assert len(result.casts[0]) == 2
-    assert result.stops == ("",)
+    assert result.stops == (None,)
 
 
 def test_casts_end_where_the_next_one_is_nearly_certain_to_miss(policy):
@@ -339,7 +340,7 @@ def test_casts_end_where_the_next_one_is_nearly_certain_to_miss(policy):
         session = session_of(policy, within_pct=0.3, anyway=False)
         result = cc.aim(session, rig, edge)
     assert 1 <= len(result.casts[0]) < 6
-    assert "would hit it with a chance of" in result.stops[0]
+    assert "would hit it with a chance of" in stop_text(result.stops[0])
 
 
 def test_no_cast_is_made_twice_at_a_target(policy):
@@ -473,7 +474,7 @@ def test_the_chance_to_hit_is_the_share_of_the_stated_law(policy):
         unit = np.sqrt(squares)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         landings = moved.expected.mean + unit @ np.linalg.cholesky(moved.expected.spread).T
         share = np.mean(
-            np.linalg.norm(landings - moved.target_xy, axis=1) <= 0.03 * SETUP.cable.length
+            np.linalg.norm(landings - moved.goal.value, axis=1) <= 0.03 * SETUP.cable.length
         )
         np.testing.assert_allclose(
             moved.hit_chance, (1.0 - moved.expected.failure) * share, rtol=0, atol=0.03
