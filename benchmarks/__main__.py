@@ -50,7 +50,6 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         (*PHYSICS, "engines"),
         "rollouts per second and accuracy of every engine",
     ),
-    "peers": ("peers:main", PHYSICS, "EngineWarp and other simulators: stable step, error, rate"),
     "mocap": (
         "mocap:main",
         PHYSICS,
@@ -128,11 +127,13 @@ QUOTED: dict[str, tuple[str, float]] = {
     "convergence-attachments": ("convergence --attachments --count 40", 0.1),
     "convergence": ("convergence", 0.15),
     "stability": ("stability", 0.25),
-    "peers": ("peers", 1.0),
     "mocap": ("mocap --data DIR", 1.0),
     "light": ("light", 0.5),
 }
 """Command and expected hours on two cores of each run that a page quotes, in order of worth."""
+
+ONCE = ("peers",)
+"""Quoted results of code that is not kept here: their command starts from the commit that has it."""
 
 UNSAID = ("out", "data", "session", "workers")
 """Settings that change no figure."""

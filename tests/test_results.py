@@ -48,10 +48,18 @@ def test_a_figure_is_drawn_from_its_result(path):
 
 def test_every_result_is_quoted_and_every_run_has_a_result():
     shown = set().union(*(pages.quoted_names((ROOT / page).read_text()) for page in pages.PAGES))
-    assert set(NAMES) == shown == set(benchmarks.QUOTED)
+    assert set(NAMES) == shown == {*benchmarks.QUOTED, *benchmarks.ONCE}
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", benchmarks.ONCE)
+def test_a_result_of_code_that_is_not_kept_names_the_commit_that_has_it(name):
+    result = quoted(name)
+    assert result.commit is not None
+    start = f"git checkout {result.commit[:8]} && python -m benchmarks "
+    assert result.command.startswith(start)
+
+
+@pytest.mark.parametrize("name", benchmarks.QUOTED)
 def test_a_result_is_of_the_command_that_renews_it(name):
     line, hours = benchmarks.QUOTED[name]
     command, *words = shlex.split(line)
