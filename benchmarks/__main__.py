@@ -133,7 +133,7 @@ QUOTED: dict[str, tuple[str, float]] = {
 """Command and expected hours on two cores of each run that a page quotes, in order of worth."""
 
 ONCE = ("peers",)
-"""Quoted results of code that is not kept here: their command starts from the commit that has it."""
+"""Quoted results of code that is not kept: their command starts at the commit that has it."""
 
 UNSAID = ("out", "data", "session", "workers")
 """Settings that change no figure."""

@@ -36,7 +36,7 @@ def make_mujoco(segment_count: int, dt: float, gravity: float = GRAVITY) -> Engi
     return EngineMujoco(segment_count, dt, gravity=gravity)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class Outcome:
     """One number and its closed form.
 
@@ -62,31 +62,27 @@ class Outcome:
         return float(error) if np.isfinite(error) else float("inf")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class Curve:
     """Curve in the plot of a case: the closed form as a line, the engine as points.
 
     Attributes:
-        label: Name among the curves of the case; empty where there is one.
         x: Abscissa of the closed form.
         exact: Values of the closed form.
         x_computed: Abscissa of the engine.
         computed: Values of the engine.
+        label: Name among the curves of the case; empty if there is only one.
     """
 
-    label: str = ""
     x: NDArray[np.float64]
     exact: NDArray[np.float64]
     x_computed: NDArray[np.float64]
     computed: NDArray[np.float64]
+    label: str = ""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Measured:
-    """Results of a case at one resolution; the slope that is printed is the first outcome's."""
-
-    outcomes: tuple[Outcome, ...]
-    curves: tuple[Curve, ...]
+Measured = Iterator[Outcome | Curve]
+"""Results of a scene at one resolution, its curves drawn in this order."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -124,20 +120,25 @@ class Case:
     y_label: str
     equal: bool = False
 
-    def run(self, make: MakeEngine = make_warp) -> Measured:
+    def run(self, make: MakeEngine = make_warp) -> list[Outcome | Curve]:
         """Run the case at its own resolution."""
-        return self.measure(make, self.segment_count, self.dt)
+        return list(self.measure(make, self.segment_count, self.dt))
 
     def convergence(self, make: MakeEngine = make_warp) -> "Convergence | None":
         """Return the errors of the first outcome over the ladder, and their slope."""
         if not self.ladder:
             return None
-        errors = [self.measure(make, *rung).outcomes[0].error for rung in self.ladder]
+        errors = [outcomes(self.measure(make, *rung))[0].error for rung in self.ladder]
         counts, steps = np.array(self.ladder).T
         in_time = bool(steps.max() > steps.min())
         sizes = steps if in_time else 1.0 / counts
         slope = float(np.polyfit(np.log(sizes), np.log(np.maximum(errors, 1e-15)), 1)[0])
         return Convergence(ladder=self.ladder, in_time=in_time, errors=tuple(errors), slope=slope)
+
+
+def outcomes(measured: Iterable[Outcome | Curve]) -> list[Outcome]:
+    """Return the outcomes among the results of a scene."""
+    return [one for one in measured if isinstance(one, Outcome)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -178,24 +179,32 @@ class Result:
     """Results of a case with one engine."""
 
     case: Case
-    measured: Measured
+    outcomes: list[Outcome]
+    curves: list[Curve]
     convergence: Convergence | None
 
     @classmethod
     def of(cls, case: Case, make: MakeEngine) -> "Result":
         """Run a case and its ladder."""
-        return cls(case=case, measured=case.run(make), convergence=case.convergence(make))
+        measured = case.run(make)
+        curves = [one for one in measured if isinstance(one, Curve)]
+        return cls(
+            case=case,
+            outcomes=outcomes(measured),
+            curves=curves,
+            convergence=case.convergence(make),
+        )
 
     @property
     def met(self) -> bool:
         """True where every outcome is within the tolerance."""
-        return all(outcome.error <= self.case.tolerance for outcome in self.measured.outcomes)
+        return all(outcome.error <= self.case.tolerance for outcome in self.outcomes)
 
 
 def result_tables(result: Result) -> Iterator[Table]:
     """Yield the outcomes of a case, and the errors on its ladder, if it has one."""
     case, convergence = result.case, result.convergence
-    rows = [(o.quantity, o.unit, o.exact, o.computed, o.error) for o in result.measured.outcomes]
+    rows = [(o.quantity, o.unit, o.exact, o.computed, o.error) for o in result.outcomes]
     yield Table(case.title, OUTCOMES, rows)
     if convergence is not None:
         rungs = zip(convergence.ladder, convergence.errors, strict=True)
@@ -227,18 +236,11 @@ def plot(result: Result) -> bytes:
     with style.styled():
         axes: Axes = figure.subplots()
         colors = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE)
-        for color, curve in zip(colors, result.measured.curves, strict=False):
+        for color, curve in zip(colors, result.curves, strict=False):
             axes.plot(curve.x, curve.exact, color=color, linewidth=1.2, alpha=0.6)
-            many = len(curve.x_computed) > 70
-            axes.plot(
-                curve.x_computed,
-                curve.computed,
-                linestyle="none",
-                marker="o",
-                markersize=1.8 if many else 3.2,
-                color=color,
-                label=curve.label or None,
-            )
+            points = {"marker": "o", "markersize": 1.8 if len(curve.computed) > 70 else 3.2}
+            label = curve.label or None
+            axes.plot(curve.x_computed, curve.computed, ls="", color=color, label=label, **points)
         axes.set_xlabel(result.case.x_label)
         axes.set_ylabel(result.case.y_label)
         if result.case.name.startswith("order_"):
@@ -246,7 +248,7 @@ def plot(result: Result) -> bytes:
             axes.set_yscale("log")
         if result.case.equal:
             axes.set_aspect("equal")
-        if any(curve.label for curve in result.measured.curves):
+        if any(curve.label for curve in result.curves):
             axes.legend(loc="best")
     return style.compact_png(figure, 110)
 

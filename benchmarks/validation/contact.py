@@ -30,26 +30,15 @@ def slide(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     rollout = make(segment_count, dt).rollout(
         cable, GripPath.stack(paths), state, duration=0.6, sample_dt=0.02
     )
-    outcomes, curves = [], []
     for world, (mu, (factor, surface_factor)) in enumerate(zip(frictions, FRICTIONS, strict=True)):
         far = rollout.endpoint_xyz[world, :, 0]
         stop = SPEED / (mu * GRAVITY)
         label = f"μ = {factor:g} × {surface_factor:g}"
-        outcomes.append(
-            Outcome(
-                quantity=f"distance to rest, {label}",
-                unit="m",
-                exact=0.5 * SPEED * stop,
-                computed=far[-1],
-            )
-        )
+        yield Outcome(f"distance to rest, {label}", "m", 0.5 * SPEED * stop, far[-1])
         t = np.linspace(0.0, 0.6, 200)
         exact = law(mu)(np.minimum(t, stop))
         if world < 2:
-            curves.append(
-                Curve(label=label, x=t, exact=exact, x_computed=rollout.times, computed=far)
-            )
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
+            yield Curve(t, exact, rollout.times, far, label=label)
 
 
 TETHER_SPEED = 1.2
@@ -63,11 +52,7 @@ def tethered(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     state = scenes.straight(segment_count, (0, 0, RADIUS), (1, 0, 0))
     state = scenes.turning(state, TETHER_SPEED / LENGTH, (0, 0, 1), (0, 0, 0))
     rollout = make(segment_count, dt).rollout(
-        cable,
-        scenes.hold((0, 0, RADIUS)),
-        state,
-        duration=0.5,
-        sample_dt=0.01,
+        cable, scenes.hold((0, 0, RADIUS)), state, duration=0.5, sample_dt=0.01
     )
     x, y = rollout.endpoint_xy[0].T
     angle = np.degrees(np.unwrap(np.arctan2(y, x)))
@@ -75,12 +60,8 @@ def tethered(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     t = np.linspace(0.0, 0.5, 200)
     slid = np.minimum(t, TETHER_SPEED / deceleration)
     exact = np.degrees((TETHER_SPEED * slid - 0.5 * deceleration * slid**2) / LENGTH)
-    return Measured(
-        outcomes=(
-            Outcome(quantity="angle to rest", unit="deg", exact=exact[-1], computed=angle[-1]),
-        ),
-        curves=(Curve(x=t, exact=exact, x_computed=rollout.times, computed=angle),),
-    )
+    yield Outcome("angle to rest", "deg", exact[-1], angle[-1])
+    yield Curve(t, exact, rollout.times, angle)
 
 
 ROD_RATE = 1.5
@@ -163,24 +144,9 @@ def turned_rod(
     shape = np.einsum("snc,sc->sn", rollout.nodes[0, ..., :2], across).mean(axis=0)
     s = np.linspace(0.0, LENGTH, segment_count + 1)
     exact = rod_shape(s, *loads)
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity="moment at the grip, over that of friction",
-                unit="-",
-                exact=0.0,
-                computed=moment / torque,
-                scale=1.0,
-            ),
-            Outcome(
-                quantity="lead of the tip",
-                unit="mm",
-                exact=1e3 * exact[-1],
-                computed=1e3 * shape[-1],
-            ),
-        ),
-        curves=(Curve(x=s, exact=1e3 * exact, x_computed=s, computed=1e3 * shape),),
-    )
+    yield Outcome("moment at the grip, over that of friction", "-", 0.0, moment / torque, scale=1.0)
+    yield Outcome("lead of the tip", "mm", 1e3 * exact[-1], 1e3 * shape[-1])
+    yield Curve(s, 1e3 * exact, s, 1e3 * shape)
 
 
 def coulomb_rod(make: MakeEngine, segment_count: int, dt: float) -> Measured:
@@ -205,10 +171,7 @@ CREEP_BOUND = 1e-4
 
 def creep(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     cable = scenes.make_cable(
-        lateral_friction=1.0,
-        worksurface_friction=0.4,
-        bend_stiffness=1e-4,
-        rolling_friction=LOCKED,
+        lateral_friction=1.0, worksurface_friction=0.4, bend_stiffness=1e-4, rolling_friction=LOCKED
     )
     nodes = scenes.planar(np.linspace(0.0, 0.8, segment_count), (0, 0, RADIUS), "yx")
     rollout = make(segment_count, dt).rollout(
@@ -223,18 +186,14 @@ def creep(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     # In the first second the free tip, bent more than its weight can hold, straightens.
     moved = np.linalg.norm(rollout.nodes[0, 1:] - rollout.nodes[0, 1], axis=2).max(axis=1)
     times = rollout.times[1:] - 1.0
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity=f"movement in {CREEP_TIME:g} s, of the {CREEP_BOUND * 1e3:g} mm allowed",
-                unit="mm",
-                exact=0.0,
-                computed=1e3 * moved[-1],
-                scale=1e3 * CREEP_BOUND,
-            ),
-        ),
-        curves=(Curve(x=times, exact=0 * times, x_computed=times, computed=1e6 * moved),),
+    yield Outcome(
+        f"movement in {CREEP_TIME:g} s, of the {CREEP_BOUND * 1e3:g} mm allowed",
+        "mm",
+        0.0,
+        1e3 * moved[-1],
+        scale=1e3 * CREEP_BOUND,
     )
+    yield Curve(times, 0 * times, times, 1e6 * moved)
 
 
 DRAG_SPEED = 0.05
@@ -261,25 +220,15 @@ def tractrix(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     angle = 2.0 * np.arctan(np.exp(-dragged / LENGTH))
     exact_x, exact_y = dragged - LENGTH * np.cos(angle), LENGTH * np.sin(angle)
     x, y = rollout.endpoint_xy[0].T
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity="distance from the line of the drag, after two lengths",
-                unit="m",
-                exact=exact_y[-1],
-                computed=y[-1],
-                scale=LENGTH,
-            ),
-            Outcome(
-                quantity="place along the line",
-                unit="m",
-                exact=exact_x[-1],
-                computed=x[-1],
-                scale=LENGTH,
-            ),
-        ),
-        curves=(Curve(x=exact_x, exact=exact_y, x_computed=x, computed=y),),
+    yield Outcome(
+        "distance from the line of the drag, after two lengths",
+        "m",
+        exact_y[-1],
+        y[-1],
+        scale=LENGTH,
     )
+    yield Outcome("place along the line", "m", exact_x[-1], x[-1], scale=LENGTH)
+    yield Curve(exact_x, exact_y, x, y)
 
 
 SLIDING = (
@@ -385,7 +334,6 @@ def watched(segment_count: int) -> int:
 
 
 def slip_to_roll(make: MakeEngine, segment_count: int, dt: float) -> Measured:
-    outcomes, curves = [], []
     duration = 0.3
     for friction in (0.1, 0.4):
         slip = ROLL_SPEED / (3.0 * friction * GRAVITY)
@@ -402,35 +350,22 @@ def slip_to_roll(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         cable = scenes.make_cable(lateral_friction=friction)
         state = scenes.straight(segment_count, (0, 0, RADIUS), (0, 1, 0), (ROLL_SPEED, 0, 0))
         rollout = make(segment_count, dt).rollout(
-            cable,
-            path,
-            state,
-            duration=duration,
-            sample_dt=0.01,
-            record_nodes=True,
+            cable, path, state, duration=duration, sample_dt=0.01, record_nodes=True
         )
         assert rollout.nodes is not None
         node = watched(segment_count)
         x = rollout.nodes[0, :, node, 0]
         label = f"μ = {friction:g}"
         end = rollout.times[-1]
-        outcomes += [
-            Outcome(
-                quantity=f"distance after {duration:g} s, {label}",
-                unit="m",
-                exact=float(law(end)),
-                computed=float(x[-1]),
-            ),
-            Outcome(
-                quantity=f"rate of roll then, {label}",
-                unit="rad/s",
-                exact=2 / 3 * ROLL_SPEED / RADIUS,
-                computed=float(rollout.final_state.roll_rate[0, node]),
-            ),
-        ]
+        yield Outcome(f"distance after {duration:g} s, {label}", "m", float(law(end)), float(x[-1]))
+        yield Outcome(
+            f"rate of roll then, {label}",
+            "rad/s",
+            2 / 3 * ROLL_SPEED / RADIUS,
+            float(rollout.final_state.roll_rate[0, node]),
+        )
         t = np.linspace(0.0, end, 200)
-        curves.append(Curve(label=label, x=t, exact=law(t), x_computed=rollout.times, computed=x))
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
+        yield Curve(t, law(t), rollout.times, x, label=label)
 
 
 OBLIQUE_FRICTION = 0.4
@@ -494,38 +429,23 @@ def oblique_slip_to_roll(make: MakeEngine, segment_count: int, dt: float) -> Mea
     moved = rollout.nodes[0, :, node] - rollout.nodes[0, 0, node]
     exact = position(rollout.times)
     t = np.linspace(0.0, duration, 200)
-    outcomes, curves = [], []
     for axis, label in ((0, "across the cable"), (1, "along the cable")):
-        outcomes.append(
-            Outcome(
-                quantity=f"distance after {duration:g} s, {label}",
-                unit="m",
-                exact=float(exact[-1, axis]),
-                computed=float(moved[-1, axis]),
-            )
+        yield Outcome(
+            f"distance after {duration:g} s, {label}",
+            "m",
+            float(exact[-1, axis]),
+            float(moved[-1, axis]),
         )
-        curves.append(
-            Curve(
-                label=label,
-                x=t,
-                exact=position(t)[:, axis],
-                x_computed=rollout.times,
-                computed=moved[:, axis],
-            )
-        )
-    outcomes.append(
-        Outcome(
-            quantity="rate of roll then",
-            unit="rad/s",
-            exact=2 / 3 * ROLL_SPEED / RADIUS,
-            computed=float(rollout.final_state.roll_rate[0, node]),
-        )
+        yield Curve(t, position(t)[:, axis], rollout.times, moved[:, axis], label=label)
+    yield Outcome(
+        "rate of roll then",
+        "rad/s",
+        2 / 3 * ROLL_SPEED / RADIUS,
+        float(rollout.final_state.roll_rate[0, node]),
     )
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
 
 
 def roll_to_stop(make: MakeEngine, segment_count: int, dt: float) -> Measured:
-    outcomes, curves = [], []
     for lever in (5e-4, 1e-3):
         slowing = 2.0 * lever * GRAVITY / (3.0 * RADIUS)
         stop = ROLL_SPEED / slowing
@@ -542,22 +462,17 @@ def roll_to_stop(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         node = watched(segment_count)
         x = rollout.nodes[0, :, node, 0]
         label = f"ρ = {lever * 1e3:g} mm"
-        outcomes += [
-            Outcome(
-                quantity=f"distance to rest, {label}", unit="m", exact=distance, computed=x[-1]
-            ),
-            Outcome(
-                quantity=f"angle rolled, {label}",
-                unit="rad",
-                exact=distance / RADIUS,
-                computed=float(rollout.final_state.roll[0, node]),
-            ),
-        ]
+        yield Outcome(f"distance to rest, {label}", "m", distance, x[-1])
+        yield Outcome(
+            f"angle rolled, {label}",
+            "rad",
+            distance / RADIUS,
+            float(rollout.final_state.roll[0, node]),
+        )
         t = np.linspace(0.0, 1.1, 200)
         rolling = np.minimum(t, stop)
         exact = ROLL_SPEED * rolling - 0.5 * slowing * rolling**2
-        curves.append(Curve(label=label, x=t, exact=exact, x_computed=rollout.times, computed=x))
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
+        yield Curve(t, exact, rollout.times, x, label=label)
 
 
 def spun_rod(make: MakeEngine, segment_count: int, dt: float) -> Measured:
@@ -602,23 +517,14 @@ def unwind(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         return UNWIND_TWIST * (s - 0.5 * slid**2 / length)
 
     roll = rollout.final_state.roll[0]
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity="roll left at the free end",
-                unit="rad",
-                exact=float(law(middles[-1])),
-                computed=float(roll[-1]),
-            ),
-            Outcome(
-                quantity="roll where nothing moved",
-                unit="rad",
-                exact=float(law(middles[segment_count // 4])),
-                computed=float(roll[segment_count // 4]),
-            ),
-        ),
-        curves=(Curve(x=s, exact=law(s), x_computed=middles, computed=roll),),
+    yield Outcome("roll left at the free end", "rad", float(law(middles[-1])), float(roll[-1]))
+    yield Outcome(
+        "roll where nothing moved",
+        "rad",
+        float(law(middles[segment_count // 4])),
+        float(roll[segment_count // 4]),
     )
+    yield Curve(s, law(s), middles, roll)
 
 
 ROLLING = (

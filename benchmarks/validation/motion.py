@@ -73,43 +73,32 @@ def free_flight(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     momentum = inertia[1:] * np.diff(angle) / sample_dt
     fine = np.linspace(0.0, FLIGHT_TIME, 400)
     path = at(fine, LENGTH)
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity=f"distance of the far end from its path after {FLIGHT_TIME:g} s",
-                unit="m",
-                exact=0.0,
-                computed=float(distance),
-                scale=LENGTH,
-            ),
-            Outcome(
-                quantity="vertical momentum lost, over weight and time",
-                unit="-",
-                exact=1.0,
-                computed=float((velocity[0, 2] - velocity[-1, 2]) / (GRAVITY * span)),
-            ),
-            Outcome(
-                quantity="horizontal momentum at the end",
-                unit="mN·s",
-                exact=1e3 * MASS * TOSS[0],
-                computed=float(1e3 * MASS * velocity[-1, 0]),
-            ),
-            Outcome(
-                quantity="angular momentum at the end, over that at the start",
-                unit="-",
-                exact=1.0,
-                computed=float(momentum[-1] / momentum[0]),
-            ),
-        ),
-        curves=(
-            Curve(
-                x=path[:, 0],
-                exact=path[:, 2],
-                x_computed=nodes[::2, -1, 0],
-                computed=nodes[::2, -1, 2],
-            ),
-        ),
+    yield Outcome(
+        f"distance of the far end from its path after {FLIGHT_TIME:g} s",
+        "m",
+        0.0,
+        float(distance),
+        scale=LENGTH,
     )
+    yield Outcome(
+        "vertical momentum lost, over weight and time",
+        "-",
+        1.0,
+        float((velocity[0, 2] - velocity[-1, 2]) / (GRAVITY * span)),
+    )
+    yield Outcome(
+        "horizontal momentum at the end",
+        "mN·s",
+        1e3 * MASS * TOSS[0],
+        float(1e3 * MASS * velocity[-1, 0]),
+    )
+    yield Outcome(
+        "angular momentum at the end, over that at the start",
+        "-",
+        1.0,
+        float(momentum[-1] / momentum[0]),
+    )
+    yield Curve(path[:, 0], path[:, 2], nodes[::2, -1, 0], nodes[::2, -1, 2])
 
 
 def energy_balance(make: MakeEngine, segment_count: int, dt: float) -> Measured:
@@ -132,32 +121,22 @@ def energy_balance(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     few = slice(None, None, max(1, len(times) // 60))
     drift = total - total[0]
     worst = drift[np.argmax(np.abs(drift))]
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity="largest change of the total, over the largest kinetic energy",
-                unit="-",
-                exact=0.0,
-                computed=float(worst) / turned,
-                scale=1.0,
-            ),
-        ),
-        curves=(
-            Curve(
-                label="total",
-                x=times,
-                exact=np.zeros_like(times),
-                x_computed=times[few],
-                computed=1e3 * (total - total[0])[few],
-            ),
-            Curve(
-                label="kinetic (line: what weight and bending gave)",
-                x=times,
-                exact=1e3 * (potential[0] - potential + kinetic[0]),
-                x_computed=times[few],
-                computed=1e3 * kinetic[few],
-            ),
-        ),
+    yield Outcome(
+        "largest change of the total, over the largest kinetic energy",
+        "-",
+        0.0,
+        float(worst) / turned,
+        scale=1.0,
+    )
+    yield Curve(
+        times, np.zeros_like(times), times[few], 1e3 * (total - total[0])[few], label="total"
+    )
+    yield Curve(
+        times,
+        1e3 * (potential[0] - potential + kinetic[0]),
+        times[few],
+        1e3 * kinetic[few],
+        label="kinetic (line: what weight and bending gave)",
     )
 
 
@@ -204,7 +183,6 @@ DAMPED_SPIN = 6.0
 
 
 def slowed_spin(make: MakeEngine, segment_count: int, dt: float) -> Measured:
-    outcomes, curves = [], []
     for damping in (0.5, 2.0, 5.0):
         cable = scenes.make_cable(linear_damping=damping)
         start = (0.0, 0.0, HEIGHT)
@@ -221,18 +199,10 @@ def slowed_spin(make: MakeEngine, segment_count: int, dt: float) -> Measured:
             return DAMPED_SPIN / damping * (1.0 - np.exp(-damping * t))
 
         label = f"c = {damping:g} 1/s"
-        outcomes.append(
-            Outcome(
-                quantity=f"angle after 1.5 s, {label}",
-                unit="rad",
-                exact=float(law(rollout.times[-1])),
-                computed=float(angle[-1]),
-            )
+        yield Outcome(
+            f"angle after 1.5 s, {label}", "rad", float(law(rollout.times[-1])), float(angle[-1])
         )
-        curves.append(
-            Curve(label=label, x=t, exact=law(t), x_computed=rollout.times, computed=angle)
-        )
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
+        yield Curve(t, law(t), rollout.times, angle, label=label)
 
 
 STRING_MASS = 0.01
@@ -253,7 +223,6 @@ def string_decay(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     start = (0.0, 0.0, HEIGHT)
     nodes = scenes.from_edges(LENGTH / segment_count * edges, start)
     node = round(segment_count / (2 * STRING_MODE))
-    outcomes, curves = [], []
     for damping in (15.0, 50.0):
         cable = scenes.make_cable(mass=STRING_MASS, endpoint_mass=WEIGHT, angular_damping=damping)
         rollout = make(segment_count, dt).rollout(
@@ -269,23 +238,17 @@ def string_decay(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         decay = damping * (LENGTH / REFERENCE_SEGMENT_COUNT) ** 2 / 24 * wave**2
         measured = scenes.fitted_swing(rollout.times, x, omega, decay)[1]
         label = f"c = {damping:g} 1/s"
-        outcomes.append(
-            Outcome(
-                quantity=f"decay rate, {label}", unit="1/s", exact=float(decay), computed=measured
-            )
-        )
-        t = np.linspace(0.0, 0.6, 800)
-        few = slice(None, None, max(1, len(x) // 150))
-        curves.append(
-            Curve(
-                label=label,
-                x=t,
-                exact=x[0] * np.exp(-decay * t) * np.cos(omega * t),
-                x_computed=rollout.times[few],
-                computed=x[few],
-            )
-        )
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves[-1:]))
+        yield Outcome(f"decay rate, {label}", "1/s", float(decay), measured)
+    # The swings of the highest damping are drawn.
+    t = np.linspace(0.0, 0.6, 800)
+    few = slice(None, None, max(1, len(x) // 150))
+    yield Curve(
+        t,
+        x[0] * np.exp(-decay * t) * np.cos(omega * t),
+        rollout.times[few],
+        x[few],
+        label=label,
+    )
 
 
 DAMPING = (
@@ -375,25 +338,8 @@ def slope(
     sizes = 1e3 * steps if in_time else 1e3 * cable.length / counts
     line = np.polyfit(np.log(sizes), np.log(errors), 1)
     x = np.linspace(sizes[-1], sizes[0], 50)
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity="slope of the error of the endpoint",
-                unit="-",
-                exact=2.0,
-                computed=float(line[0]),
-                scale=1.0,
-            ),
-        ),
-        curves=(
-            Curve(
-                x=x,
-                exact=1e3 * errors[-1] * (x / sizes[-1]) ** 2,
-                x_computed=sizes,
-                computed=1e3 * errors,
-            ),
-        ),
-    )
+    yield Outcome("slope of the error of the endpoint", "-", 2.0, float(line[0]), scale=1.0)
+    yield Curve(x, 1e3 * errors[-1] * (x / sizes[-1]) ** 2, sizes, 1e3 * errors)
 
 
 IN_TIME = Case(

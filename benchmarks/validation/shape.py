@@ -27,11 +27,7 @@ def catenary(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     heading = np.where(scenes.lengthwise(segment_count) < 0.5 * LENGTH, -slope, slope)
     state = CableState.at_rest(scenes.planar(heading, left, "xz")[None])
     rollout = make(segment_count, dt).rollout(
-        cable,
-        scenes.hold(left),
-        state,
-        duration=8.0,
-        far_path=scenes.hold(right),
+        cable, scenes.hold(left), state, duration=8.0, far_path=scenes.hold(right)
     )
     a: float = brentq(lambda a: 2 * a * np.sinh(SPAN / (2 * a)) - LENGTH, 0.02, 10.0)  # type: ignore
 
@@ -41,18 +37,14 @@ def catenary(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     nodes = rollout.final_state.positions[0]
     worst = np.argmax(np.abs(nodes[:, 2] - curve(nodes[:, 0])))
     x = np.linspace(0.0, SPAN, 200)
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity="height of the node that is farthest off",
-                unit="m",
-                exact=float(curve(nodes[worst, 0])),
-                computed=nodes[worst, 2],
-                scale=HEIGHT - float(curve(SPAN / 2)),
-            ),
-        ),
-        curves=(Curve(x=x, exact=curve(x), x_computed=nodes[:, 0], computed=nodes[:, 2]),),
+    yield Outcome(
+        "height of the node that is farthest off",
+        "m",
+        float(curve(nodes[worst, 0])),
+        nodes[worst, 2],
+        scale=HEIGHT - float(curve(SPAN / 2)),
     )
+    yield Curve(x, curve(x), nodes[:, 0], nodes[:, 2])
 
 
 AMPLITUDE = 1e-3
@@ -74,24 +66,16 @@ def hanging_mode(make: MakeEngine, segment_count: int, dt: float, shape, omega, 
     )
     x = rollout.endpoint_xyz[0, :, 0]
     measured = 2 * np.pi / scenes.fitted_swing(rollout.times, x, omega)[0]
-    outcome = Outcome(quantity=f"period, {label}", unit="s", exact=float(period), computed=measured)
+    yield Outcome(f"period, {label}", "s", float(period), measured)
     t = np.linspace(0.0, 1.2 * period, 200)
     few = slice(None, None, max(1, len(x) // 40))
-    curve = Curve(
-        label=label,
-        x=t,
-        exact=1e3 * x[0] * np.cos(omega * t),
-        x_computed=rollout.times[few],
-        computed=1e3 * x[few],
-    )
-    return outcome, curve
+    yield Curve(t, 1e3 * x[0] * np.cos(omega * t), rollout.times[few], 1e3 * x[few], label=label)
 
 
 def chain_modes(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     from scipy.special import j0, jn_zeros
 
     cable = scenes.make_cable()
-    results = []
     for mode in range(3):
         omega = 0.5 * jn_zeros(0, 3)[mode] * np.sqrt(GRAVITY / LENGTH)
 
@@ -99,16 +83,13 @@ def chain_modes(make: MakeEngine, segment_count: int, dt: float) -> Measured:
             return j0(2 * omega * np.sqrt((LENGTH - s) / GRAVITY))
 
         label = f"mode {mode + 1}"
-        results.append(hanging_mode(make, segment_count, dt, shape, omega, cable, label))
-    outcomes, curves = zip(*results, strict=True)
-    return Measured(outcomes=outcomes, curves=curves)
+        yield from hanging_mode(make, segment_count, dt, shape, omega, cable, label)
 
 
 def loaded_chain(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     from scipy.optimize import brentq
     from scipy.special import j0, j1, y0, y1
 
-    results = []
     for endpoint_mass in (0.01, 0.05, 0.25):
         cable = scenes.make_cable(endpoint_mass=endpoint_mass)
         # Where the tension would vanish, below the weight.
@@ -135,9 +116,7 @@ def loaded_chain(make: MakeEngine, segment_count: int, dt: float) -> Measured:
             return condition(omega, below + LENGTH - s)[1] / low
 
         label = f"{endpoint_mass * 1e3:g} g"
-        results.append(hanging_mode(make, segment_count, dt, shape, omega, cable, label))
-    outcomes, curves = zip(*results, strict=True)
-    return Measured(outcomes=outcomes, curves=curves)
+        yield from hanging_mode(make, segment_count, dt, shape, omega, cable, label)
 
 
 def pendulum(make: MakeEngine, segment_count: int, dt: float, swing_deg: float) -> Measured:
@@ -165,24 +144,8 @@ def pendulum(make: MakeEngine, segment_count: int, dt: float, swing_deg: float) 
     _, cn, dn, _ = ellipj(omega * t, k**2)
     exact = np.degrees(2 * np.arcsin(k * cn / dn))  # sn(u + K) = cn(u) / dn(u)
     few = slice(None, None, 40)
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity=f"period at {swing_deg:g} degrees",
-                unit="s",
-                exact=float(period),
-                computed=2 * (times[1] - times[0]),
-            ),
-        ),
-        curves=(
-            Curve(
-                x=t,
-                exact=exact,
-                x_computed=rollout.times[few],
-                computed=np.degrees(np.arctan2(x, HEIGHT - z))[few],
-            ),
-        ),
-    )
+    yield Outcome(f"period at {swing_deg:g} degrees", "s", float(period), 2 * (times[1] - times[0]))
+    yield Curve(t, exact, rollout.times[few], np.degrees(np.arctan2(x, HEIGHT - z))[few])
 
 
 HANGING = (
@@ -268,7 +231,6 @@ def sagging(make: MakeEngine, segment_count: int, dt: float, cable: Cable):
 
 
 def cantilever(make: MakeEngine, segment_count: int, dt: float) -> Measured:
-    outcomes, curves = [], []
     kinds = ((0.1, 2e-3), (0.05, 1e-3))
     stiffnesses, masses = np.array(kinds).T
     cable = scenes.make_cable(
@@ -283,25 +245,10 @@ def cantilever(make: MakeEngine, segment_count: int, dt: float) -> Measured:
 
         s = np.linspace(0.0, LENGTH, 100)
         label = f"EI = {stiffness:g} N·m², {mass * 1e3:g} g"
-        outcomes.append(
-            Outcome(
-                quantity=f"sag of the tip, {label}",
-                unit="mm",
-                exact=1e3 * sag(LENGTH),
-                computed=-1e3 * nodes[-1, 2],
-            )
-        )
-        curves.append(
-            Curve(
-                label=label,
-                x=s,
-                exact=-1e3 * sag(s),
-                x_computed=nodes[:, 0],
-                computed=1e3 * nodes[:, 2],
-            )
-        )
-    # Both sag alike: stiffness and weight count by their ratio only. One curve is all.
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves[:1]))
+        yield Outcome(f"sag of the tip, {label}", "mm", 1e3 * sag(LENGTH), -1e3 * nodes[-1, 2])
+        # Both sag alike: stiffness and weight count by their ratio only. One curve is all.
+        if stiffness == kinds[0][0]:
+            yield Curve(s, -1e3 * sag(s), nodes[:, 0], 1e3 * nodes[:, 2], label=label)
 
 
 def heavy_elastica(stiffness: float, weight: float, count: int = 2001):
@@ -326,7 +273,6 @@ def heavy_elastica(stiffness: float, weight: float, count: int = 2001):
 
 
 def elastica(make: MakeEngine, segment_count: int, dt: float) -> Measured:
-    outcomes, curves = [], []
     for stiffness in (0.05, 0.01, 2e-3):
         cable = scenes.make_cable(
             bend_stiffness=stiffness, linear_damping=5.0, angular_damping=50.0
@@ -336,25 +282,14 @@ def elastica(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         label = f"EI = {stiffness:g} N·m²"
         for axis, name in ((1, "sag"), (0, "reach")):
             sign = -1.0 if axis else 1.0
-            outcomes.append(
-                Outcome(
-                    quantity=f"{name} of the tip, {label}",
-                    unit="m",
-                    exact=sign * exact[-1, axis],
-                    computed=sign * nodes[-1, 2 * axis],
-                    scale=LENGTH,
-                )
+            yield Outcome(
+                f"{name} of the tip, {label}",
+                "m",
+                sign * exact[-1, axis],
+                sign * nodes[-1, 2 * axis],
+                scale=LENGTH,
             )
-        curves.append(
-            Curve(
-                label=label,
-                x=exact[:, 0],
-                exact=exact[:, 1],
-                x_computed=nodes[:, 0],
-                computed=nodes[:, 2],
-            )
-        )
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
+        yield Curve(exact[:, 0], exact[:, 1], nodes[:, 0], nodes[:, 2], label=label)
 
 
 WAVE_NUMBER = 1.875104068711961
@@ -362,7 +297,6 @@ WAVE_NUMBER = 1.875104068711961
 
 
 def vibration(make: MakeEngine, segment_count: int, dt: float) -> Measured:
-    outcomes, curves = [], []
     for stiffness, mass in ((5e-3, 0.05), (5e-3, 0.1), (0.02, 0.05)):
         cable = scenes.make_cable(bend_stiffness=stiffness, mass=mass)
         omega = (WAVE_NUMBER / LENGTH) ** 2 * np.sqrt(stiffness * LENGTH / mass)
@@ -382,21 +316,10 @@ def vibration(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         z = 1e3 * (rollout.endpoint_xyz[0, :, 2] - HEIGHT)
         label = f"EI = {stiffness:g} N·m², {mass * 1e3:g} g"
         measured = 2 * np.pi / scenes.fitted_swing(rollout.times, z, omega)[0]
-        outcomes.append(
-            Outcome(quantity=f"period, {label}", unit="s", exact=float(period), computed=measured)
-        )
+        yield Outcome(f"period, {label}", "s", float(period), measured)
         t = np.linspace(0.0, 2.0 * period, 200)
         few = slice(None, None, max(1, len(z) // 40))
-        curves.append(
-            Curve(
-                label=label,
-                x=t,
-                exact=z[0] * np.cos(omega * t),
-                x_computed=rollout.times[few],
-                computed=z[few],
-            )
-        )
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
+        yield Curve(t, z[0] * np.cos(omega * t), rollout.times[few], z[few], label=label)
 
 
 BENDING = (
@@ -475,28 +398,14 @@ def swing(make: MakeEngine, segment_count: int, dt: float, cable, mode: int):
 
 
 def torsional_swing(make: MakeEngine, segment_count: int, dt: float) -> Measured:
-    outcomes, curves = [], []
     for stiffness, mode in ((3e-5, 1), (3e-5, 2), (1.2e-4, 1)):
         cable = scenes.make_cable(twist_stiffness=stiffness)
         times, roll, omega = swing(make, segment_count, dt, cable, mode)
         measured = 2 * np.pi / scenes.fitted_swing(times, roll, omega)[0]
         label = f"GJ = {stiffness:g} N·m², mode {mode}"
-        outcomes.append(
-            Outcome(
-                quantity=f"period, {label}", unit="s", exact=2 * np.pi / omega, computed=measured
-            )
-        )
+        yield Outcome(f"period, {label}", "s", 2 * np.pi / omega, measured)
         t = np.linspace(0.0, times[-1], 200)
-        curves.append(
-            Curve(
-                label=label,
-                x=t,
-                exact=roll[0] * np.cos(omega * t),
-                x_computed=times,
-                computed=roll,
-            )
-        )
-    return Measured(outcomes=tuple(outcomes), curves=tuple(curves))
+        yield Curve(t, roll[0] * np.cos(omega * t), times, roll, label=label)
 
 
 def damped_roll(make: MakeEngine, segment_count: int, dt: float) -> Measured:
@@ -506,17 +415,8 @@ def damped_roll(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     damped = float(np.sqrt(omega**2 - decay**2))
     t = np.linspace(0.0, times[-1], 200)
     exact = np.exp(-decay * t) * (np.cos(damped * t) + decay / damped * np.sin(damped * t))
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity="decay rate",
-                unit="1/s",
-                exact=decay,
-                computed=scenes.fitted_swing(times, roll, damped, decay)[1],
-            ),
-        ),
-        curves=(Curve(x=t, exact=roll[0] * exact, x_computed=times, computed=roll),),
-    )
+    yield Outcome("decay rate", "1/s", decay, scenes.fitted_swing(times, roll, damped, decay)[1])
+    yield Curve(t, roll[0] * exact, times, roll)
 
 
 TURN = 4.0
@@ -548,18 +448,14 @@ def shaft(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     exact = -TURN * middles / LENGTH
     worst = np.argmax(np.abs(roll - exact))
     s = np.array([0.0, LENGTH])
-    return Measured(
-        outcomes=(
-            Outcome(
-                quantity="roll against the grip, of the segment farthest off",
-                unit="rad",
-                exact=float(exact[worst]),
-                computed=float(roll[worst]),
-                scale=TURN,
-            ),
-        ),
-        curves=(Curve(x=s, exact=-TURN * s / LENGTH, x_computed=middles, computed=roll),),
+    yield Outcome(
+        "roll against the grip, of the segment farthest off",
+        "rad",
+        float(exact[worst]),
+        float(roll[worst]),
+        scale=TURN,
     )
+    yield Curve(s, -TURN * s / LENGTH, middles, roll)
 
 
 RING_BEND = 1e-4
@@ -615,19 +511,13 @@ def michell(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     fit = np.polynomial.Polynomial.fit(turns, stiffness, 2)
     measured = float(max(fit.roots().real))
     x = np.linspace(turns[0], measured, 100)
-    return Measured(
-        outcomes=(
-            Outcome(quantity="critical turn", unit="rad", exact=critical, computed=measured),
-        ),
-        curves=(
-            Curve(
-                label="fit, and Michell's zero",
-                x=np.append(x, [np.nan, critical, critical]),
-                exact=np.append(fit(x), [np.nan, 0.0, fit(turns[0])]),
-                x_computed=turns,
-                computed=stiffness,
-            ),
-        ),
+    yield Outcome("critical turn", "rad", critical, measured)
+    yield Curve(
+        np.append(x, [np.nan, critical, critical]),
+        np.append(fit(x), [np.nan, 0.0, fit(turns[0])]),
+        turns,
+        stiffness,
+        label="fit, and Michell's zero",
     )
 
 
