@@ -70,7 +70,7 @@ def time_session(cable: str, args: PreparationArgs) -> Waits:
     waits = Waits()
     setup = cc.Setup(cable=cable)
     config = cc.AimConfig(
-        within_pct=0.01, tries=args.tries, anyway=True, refit=False, device=args.device
+        within_pct=0.01, tries=args.tries, force=True, refit=False, device=args.device
     )
     with (
         open_rig(args.rig, args.lab, setup) as rig,

@@ -8,9 +8,10 @@ import pytest
 from tests.aiming.casts import made_up_cast
 
 import cablecast as cc
-from cablecast.aiming.session import SimulatorConfig, refit_reason
+from cablecast.aiming.session import RefitDue, RefitReason, SimulatorConfig, refit_due
 from cablecast.cli import main
 from cablecast.errors import InputError
+from cablecast.report.words import refit_text
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.progress import DONE_NOTE, ignore
 from cablecast.tuning.tuned import load_tuned
@@ -45,7 +46,7 @@ def quick(blank_figures, monkeypatch):
 
 def prepare(rig, *, out=None, progress=ignore, fit_all=False, casts=None, tuned=None, **changes):
     """Return a session that is small."""
-    config = cc.AimConfig(**(SMALL | {"anyway": True} | changes))
+    config = cc.AimConfig(**(SMALL | {"force": True} | changes))
     options = {"casts": casts, "tuned": tuned, "fit_all": fit_all, "out": out}
     return cc.prepare_aim(rig, config, simulators=QUICK, progress=progress, **options)
 
@@ -86,7 +87,7 @@ def test_all_casts_go_into_a_new_fit_and_the_session_goes_on_with_it(rig, tmp_pa
 def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig, tmp_path):
     options = {"out": tmp_path, "tries": 2, "within_pct": 0.01, "calibration_count": 0}
     session = prepare(rig, **options)
-    assert (len(session.casts), session.fitted_count, session.refit_reason) == (0, 0, "")
+    assert (len(session.casts), session.fitted_count, session.refit_due) == (0, 0, None)
     believed = session.propose(TARGETS[0])
     # The simulators land far apart, and the region says so.
     sure = cc.AimSession(session.model.policy).propose(TARGETS[0])
@@ -96,11 +97,11 @@ def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig,
 
     cc.aim(session, rig, [*TARGETS, [0.4, 1.0]])
     assert session.fitted_count == 0
-    due = "6 casts are known, and the simulator is fitted to none"
-    assert session.refit_reason == due
+    due = RefitDue(RefitReason.FIRST_FIT, 6, 0)
+    assert session.refit_due == due
     # A session that is opened again waits for them, too.
     again = prepare(rig, **options)
-    assert again.refit_reason == due
+    assert again.refit_due == due
     cc.aim(again, rig, [0.0, 1.1])
     assert again.fitted_count == 6
     assert prepare(rig, **options).fitted_count == 6
@@ -123,14 +124,14 @@ def test_a_fit_that_follows_its_casts_badly_asks_for_as_many_again(rig, tmp_path
     assert not (tmp_path / "model").exists()
     again = prepare(rig, out=tmp_path)
     assert again.model.policy.model.fingerprint == session.model.policy.model.fingerprint
-    assert (len(again.casts), again.refit_reason) == (6, "")
+    assert (len(again.casts), again.refit_due) == (6, None)
 
 
 def test_the_command_says_that_it_begins_with_the_believed_values(tmp_path, capsys):
     options = [*COMMAND, "--out", str(tmp_path), "--calibration-count", "0", "--tries", "1"]
-    assert main(["aim", "--target", "1.1", "10", "--anyway", *options]) == 3
+    assert main(["aim", "--target", "1.1", "10", "--force", *options]) == 3
     assert "no cast of cable_1 is known yet" in capsys.readouterr().out
-    assert main(["aim", "--target", "1.0", "-5", "--anyway", *options]) == 3
+    assert main(["aim", "--target", "1.0", "-5", "--force", *options]) == 3
     assert "1 casts of cable_1 are known; the simulator is fitted to 0" in capsys.readouterr().out
 
 
@@ -168,7 +169,7 @@ def test_a_command_without_a_target_is_refused(capsys):
 
 def test_the_command_fits_anew_by_itself_before_a_new_target(tmp_path, capsys):
     options = [*COMMAND, "--out", str(tmp_path), "--calibration-count", "2"]
-    options += ["--tries", "2", "--anyway"]
+    options += ["--tries", "2", "--force"]
     assert main(["aim", "--target", "1.1", "10", "--target", "1.0", "-5", *options]) == 3
     once = [*options, "--tries", "1"]
     assert main(["aim", "--target", "1.2", "0", *once, "--no-refit"]) == 3
@@ -228,9 +229,9 @@ def test_after_an_undo_the_casts_that_are_left_are_fitted_anew(rig, tmp_path):
 def test_casts_that_were_taken_back_ask_for_no_new_fit(rig, tmp_path):
     session = prepare(rig, out=tmp_path, tries=1, calibration_count=0)
     cc.aim(session, rig, [[0.1 * k, 1.1] for k in range(5)])
-    assert "5 casts are known, and the simulator is fitted to none" in session.refit_reason
+    assert "5 casts are known, and the simulator is fitted to none" in refit_text(session.refit_due)
     session.undo()
-    assert session.refit_reason == ""
+    assert session.refit_due is None
 
 
 @pytest.mark.parametrize("begins", ["casts", "params", "nothing"])
@@ -247,7 +248,7 @@ def test_a_session_that_began_without_calibration_goes_on_without(rig, tmp_path,
     for session in (first, again):
         assert (len(session.casts), session.fitted_count) == (count, count)
     assert again.model.policy.model.fingerprint == first.model.policy.model.fingerprint
-    assert again.model.waits == first.model.waits == (begins == "nothing")
+    assert again.model.needs_first_fit == first.model.needs_first_fit == (begins == "nothing")
 
 
 def test_a_fork_is_fitted_anew_without_touching_the_folder(rig, tmp_path):
@@ -326,20 +327,27 @@ def casts_of(*innovations, fitted=5, try_number=1):
 
 
 def test_a_new_fit_is_due_at_three_times_the_casts_or_when_first_tries_land_far_off():
-    assert refit_reason(casts_of(*[1.0] * 9), 5) == ""
-    due = refit_reason(casts_of(*[1.0] * 10), 5)
-    assert "15 casts are known, and the simulator is fitted to 5" in due
+    assert refit_due(casts_of(*[1.0] * 9), 5) is None
+    due = refit_due(casts_of(*[1.0] * 10), 5)
+    assert due.reason is RefitReason.MORE_CASTS
+    assert refit_text(due) == "15 casts are known, and the simulator is fitted to 5"
     # Twice the casts and a mean innovation of 3: 1.7 times as far as stated.
-    assert "1.7 times as far off" in refit_reason(casts_of(*[3.0] * 5), 5)
-    assert refit_reason(casts_of(*[3.0] * 4), 5) == ""
+    due = refit_due(casts_of(*[3.0] * 5), 5)
+    assert due.reason is RefitReason.FAR_OFF
+    assert "1.7 times as far off" in refit_text(due)
+    assert refit_due(casts_of(*[3.0] * 4), 5) is None
     # One cast that went wrong is no reason, and casts without a landing tell nothing.
-    assert refit_reason(casts_of(100.0, 0.5, 0.5, 0.5, 0.5), 5) == ""
-    assert refit_reason(casts_of(3.0, 3.0, *[np.nan] * 3), 5) == ""
-    assert refit_reason(casts_of(*[3.0] * 5, try_number=2), 5) == ""
-    assert refit_reason(casts_of(*[3.0] * 100, fitted=40), 40) == ""
-    assert refit_reason(casts_of(*[3.0] * 100), 0) == ""
-    # A fit that follows its own casts badly needs no such sign.
-    assert refit_reason(casts_of(*[1.0] * 4), 5, badly="follows") == ""
-    assert refit_reason(casts_of(*[1.0] * 5), 5, badly="follows").endswith("to 5, and follows")
-    assert refit_reason(casts_of(*[1.0] * 4, fitted=0), 0, waits=True) == ""
-    assert "fitted to none" in refit_reason(casts_of(*[1.0] * 5, fitted=0), 0, waits=True)
+    assert refit_due(casts_of(100.0, 0.5, 0.5, 0.5, 0.5), 5) is None
+    assert refit_due(casts_of(3.0, 3.0, *[np.nan] * 3), 5) is None
+    assert refit_due(casts_of(*[3.0] * 5, try_number=2), 5) is None
+    assert refit_due(casts_of(*[3.0] * 100, fitted=40), 40) is None
+    assert refit_due(casts_of(*[3.0] * 100), 0) is None
+    # A poor fit needs no such sign.
+    assert refit_due(casts_of(*[1.0] * 4), 5, distance=0.034) is None
+    due = refit_due(casts_of(*[1.0] * 5), 5, distance=0.034)
+    assert due.reason is RefitReason.POOR_FIT
+    assert refit_text(due).endswith("to 5, and follows them to 3.4 % of cable length only")
+    assert refit_due(casts_of(*[1.0] * 4, fitted=0), 0, needs_first_fit=True) is None
+    due = refit_due(casts_of(*[1.0] * 5, fitted=0), 0, needs_first_fit=True)
+    assert due.reason is RefitReason.FIRST_FIT
+    assert refit_text(due).endswith("fitted to none")

@@ -25,8 +25,8 @@ def policy():
     return make_policy()
 
 
-def session_of(policy, *, within_pct=0.01, tries=6, anyway=True, **options):
-    config = cc.AimConfig(within_pct=within_pct, tries=tries, anyway=anyway)
+def session_of(policy, *, within_pct=0.01, tries=6, force=True, **options):
+    config = cc.AimConfig(within_pct=within_pct, tries=tries, force=force)
     return cc.AimSession(policy, config=config, **options)
 
 
@@ -318,7 +318,7 @@ def test_a_target_that_no_simulated_cast_comes_near_is_not_cast_at(policy):
     # The policy's candidates reach to 1.48 m; the table and the cable allow 1.5.
     targets, stopped = [(0.3, 1.1), (1.0, 0.3)], []
     with rig_of(policy) as rig:
-        session = session_of(policy, within_pct=3.0, anyway=False)
+        session = session_of(policy, within_pct=3.0, force=False)
         result = cc.aim(session, rig, targets, on_stop=stopped.append)
         assert [len(casts) > 0 for casts in result.casts] == [True, False]
         assert result.stops[0] is None
@@ -327,7 +327,7 @@ def test_a_target_that_no_simulated_cast_comes_near_is_not_cast_at(policy):
         assert "no simulated cast" in stop_text(result.stops[1])
         assert "nearest landing of a simulated cast is r = " in stop_text(result.stops[1])
         np.testing.assert_allclose(result.misses_pct(1)[1], np.nan)
-        always = cc.AimSession(policy, config=cc.AimConfig(anyway=True, tries=2))
+        always = cc.AimSession(policy, config=cc.AimConfig(force=True, tries=2))
         result = cc.aim(always, rig, targets[1])
     assert len(result.casts[0]) == 2
     assert result.stops == (None,)
@@ -337,7 +337,7 @@ def test_casts_end_where_the_next_one_is_nearly_certain_to_miss(policy):
     # At the edge of what the arm can do corrections bring the cast ever less nearer.
     edge = policy.predicted_xy[np.argmax(policy.predicted_xy[:, 1])] + [0.0, 0.012]
     with rig_of(policy, bias=0.0, scatter=0.001) as rig:
-        session = session_of(policy, within_pct=0.3, anyway=False)
+        session = session_of(policy, within_pct=0.3, force=False)
         result = cc.aim(session, rig, edge)
     assert 1 <= len(result.casts[0]) < 6
     assert "would hit it with a chance of" in stop_text(result.stops[0])
@@ -355,7 +355,7 @@ def test_no_cast_is_made_twice_at_a_target(policy):
 
 def test_a_third_cast_that_will_hardly_hit_is_made_only_where_it_is_expected_nearer(policy):
     target = np.array([0.3, 1.1])
-    session = session_of(policy, within_pct=1.0, anyway=False)
+    session = session_of(policy, within_pct=1.0, force=False)
     missed = np.array([0.03, 0.05])
     # A cast at another target landed nearer: it does not count.
     session.observe(session.propose(target + 0.2), track_to(target + 0.1 * missed))
@@ -385,7 +385,7 @@ def test_a_third_cast_that_will_hardly_hit_is_made_only_where_it_is_expected_nea
 
 def test_three_casts_in_a_row_that_come_no_nearer_are_the_last_at_a_target(policy):
     target = np.array([0.3, 1.1])
-    session, offsets = session_of(policy, anyway=False), [0.2, 0.1, 0.3, 0.15, 0.12]
+    session, offsets = session_of(policy, force=False), [0.2, 0.1, 0.3, 0.15, 0.12]
     stops = []
     for offset in offsets:
         proposal = session.propose(target)
@@ -428,7 +428,7 @@ def test_a_cast_that_was_stopped_while_it_was_learned_from_is_learned_from(polic
 
 
 def test_three_casts_without_a_landing_are_the_last_at_a_target(policy):
-    target, session = np.array([0.3, 1.1]), session_of(policy, anyway=False)
+    target, session = np.array([0.3, 1.1]), session_of(policy, force=False)
     for _ in range(3):
         assert session.stop(session.propose(target)) is None
         session.observe(session.propose(target), track_to([np.nan, np.nan]))

@@ -126,7 +126,7 @@ def test_a_person_points_casts_and_corrects_in_two_tabs(page, browser, served):
     assert numbers(page) == ["1", "2"]
     page.button("Replay").click()
     page.button("Undo the last try").click()
-    page.wait_for("is taken back")
+    page.wait_for("is discarded")
 
 
 def test_a_finger_taps_a_target_and_the_panel_is_as_wide_as_the_phone(browser, served):

@@ -191,7 +191,7 @@ def test_a_stop_while_a_cast_is_taken_in_leaves_a_session_that_knows_it(desk, ow
 
 def test_all_tries_at_a_target_end_it(desk, own):
     own.offset = np.array([-0.3, 0.2])
-    desk.session.config = dataclasses.replace(desk.session.config, tries=1, anyway=True)
+    desk.session.config = dataclasses.replace(desk.session.config, tries=1, force=True)
     desk.aim(TARGET)
     desk.cast(desk.preview)
     desk.look_ahead()

@@ -74,7 +74,7 @@ def test_point_cast_correct_replay_undo(page, drawn):
     page.replay(try_name(desk.tries[0]))
     assert page.stage.player.duration == pytest.approx(ShownCast.of_cast(desk.tries[0]).duration)
     page.undo()
-    assert "taken back" in desk.message
+    assert "discarded" in desk.message
     assert "/marks/expected" not in drawn(page.server)
     page.aim_polar(1.2, -20.0)
     assert desk.phase is Phase.PLANNED

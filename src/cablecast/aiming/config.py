@@ -21,7 +21,7 @@ class AimConfig:
     """Distance from the target at which a cast has hit, in % of cable length."""
     tries: int = 6
     """Casts at one target at most."""
-    anyway: bool = False
+    force: bool = False
     """Cast at a target that no simulated cast comes near, too, and use all tries at a target even
     where a cast is expected to miss."""
     refit: bool = True
@@ -56,7 +56,7 @@ class AimConfig:
         check_count("epochs", self.epochs, 1, COUNT_MAX)
         check_count("candidate_count", self.candidate_count, 1, COUNT_MAX)
         check_seed(self.seed)
-        for name in ("anyway", "refit"):
+        for name in ("force", "refit"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{name} = {getattr(self, name)!r} must be True or False")
 

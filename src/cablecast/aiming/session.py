@@ -4,6 +4,7 @@ import contextlib
 import copy
 import dataclasses
 import enum
+import functools
 import itertools
 import math
 import os
@@ -92,6 +93,37 @@ class Stop:
     is_simulated: bool
 
 
+class RefitReason(enum.Enum):
+    """Why the simulator should be fitted anew."""
+
+    FIRST_FIT = enum.auto()
+    """It is fitted to no cast of the session yet."""
+    MORE_CASTS = enum.auto()
+    """There are `GROWTH` times as many casts."""
+    POOR_FIT = enum.auto()
+    """It follows its casts poorly, and there are `EARLY_GROWTH` times as many."""
+    FAR_OFF = enum.auto()
+    """First tries land farther off than was stated."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RefitDue:
+    """A new fit that is due.
+
+    Attributes:
+        reason: Why it is.
+        cast_count: Active casts of the session.
+        fitted_count: Number of them that the simulator is fitted to.
+        size: Distance from a poor fit to its casts [cable lengths], or misses of first tries over
+            the stated ones [-]; 0 for the other reasons.
+    """
+
+    reason: RefitReason
+    cast_count: int
+    fitted_count: int
+    size: float = 0.0
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatorConfig:
     """Settings of the simulators of a session; those of the verbs where None.
@@ -118,14 +150,14 @@ class FittedModel:
         tuned: Fit that they were simulated with; None where nothing is known of it.
         fitted_count: Casts of the session, from the first on, that the simulator was fitted to.
         fitted_to: Fingerprint of the dataset that it was fitted to; empty for none.
-        waits: Whether the simulator is the believed one, to be fitted to the first casts.
+        needs_first_fit: Whether the simulator is the believed one, to be fitted to the first casts.
     """
 
     policy: ForwardSearchPolicy
     tuned: Tuned | None = None
     fitted_count: int = 0
     fitted_to: str = ""
-    waits: bool = False
+    needs_first_fit: bool = False
 
     def has_fitted(self, number: int, cast: Cast) -> bool:
         """Return whether the simulator was fitted to a cast of the session."""
@@ -135,7 +167,7 @@ class FittedModel:
 
 
 Refitting = Callable[[CastStore, ProgressCallback], FittedModel]
-"""Fits the simulator to all casts of a session that were not taken back, and simulates with it."""
+"""Fits the simulator to all casts of a session that were not discarded, and simulates with it."""
 
 LANDINGS_FILE = "landings.npz"
 """Simulated landings of the casts of a session, in its folder."""
@@ -158,13 +190,13 @@ class AimSession:
             else is known.
         casts: Casts on the rig that were made before.
         out: Folder that keeps the casts; none where None.
-        config: Settings; `tries`, `within_pct`, `anyway` and `refit` are used here and by `aim`.
+        config: Settings; `tries`, `within_pct`, `force` and `refit` are used here and by `aim`.
         simulators: Settings of the simulators.
         refitting: Makes a new model from all casts; `prepare_aim` gives it.
 
     Attributes:
         setup: Cable, workspace, arm and motion settings.
-        store: All casts, with those that were taken back.
+        store: All casts, with discarded ones.
         predictor: Beliefs of the model, conditioned on the casts.
         sight: Limits of the sight of the rig's camera; None while they are unknown.
         drifted: Whether the last cast showed that the cable, its grip or the camera has changed.
@@ -246,18 +278,18 @@ class AimSession:
 
     @property
     def casts(self) -> tuple[Cast, ...]:
-        """All casts in the order in which they were made, with those that were taken back."""
+        """All casts in the order in which they were made, with discarded ones."""
         return tuple(self.store.casts)
 
     @property
     def undone(self) -> frozenset[int]:
-        """Numbers of the casts that were taken back."""
+        """Numbers of the casts that were discarded."""
         return self.store.undone
 
     @property
     def fitted_count(self) -> int:
-        """Number of casts that the simulator was fitted to, without those taken back since."""
-        return sum(self.model.has_fitted(*row) for row in self._counted())
+        """Number of casts that the simulator was fitted to, without those discarded since."""
+        return sum(self.model.has_fitted(*row) for row in self.active_casts())
 
     def add_casts(self, casts: Dataset) -> int:
         """Take in casts that were made for something else, and return how many are new.
@@ -282,13 +314,13 @@ class AimSession:
         """Take a cast back, the last aimed one by default: it is kept, and counts for nothing.
 
         Raises:
-            InputError: There is no such cast, or it was taken back before.
+            InputError: There is no such cast, or it was discarded before.
         """
         if number is None:
-            aimed = [row for row, cast in self._counted() if cast.proposal is not None]
+            aimed = [row for row, cast in self.active_casts() if cast.proposal is not None]
             number = aimed[-1] if aimed else -1
         if number not in range(len(self.store)) or number in self.undone:
-            raise InputError("there is no such cast to take back")
+            raise InputError("there is no such cast to discard")
         self.store.undo(number)
         self._condition()
         return self.store.casts[number]
@@ -296,10 +328,10 @@ class AimSession:
     def casts_at(self, value: ArrayLike) -> list[Cast]:
         """Return the casts at one goal by its value, shape [k], without discarded ones."""
         goal = np.asarray(value, dtype=float)
-        return [cast for _, cast in self._counted() if cast.is_at(goal)]
+        return [cast for _, cast in self.active_casts() if cast.is_at(goal)]
 
-    def _counted(self) -> list[tuple[int, Cast]]:
-        """Return the casts that were not taken back, with their numbers."""
+    def active_casts(self) -> list[tuple[int, Cast]]:
+        """Return the casts that were not discarded, with their numbers."""
         return [row for row in enumerate(self.store.casts) if row[0] not in self.undone]
 
     def is_done(self, value: ArrayLike) -> bool:
@@ -313,7 +345,7 @@ class AimSession:
         It is not if the last three casts at the goal came no nearer than those before; if two have
         been made there, and this one is unlikely to hit and expected to come little nearer than
         the nearest of them, the scatter of equal casts included; or if none has landed and this
-        one is expected far off. `AimConfig.anyway` makes it all the same.
+        one is expected far off. `AimConfig.force` makes it all the same.
         """
         goal, length = proposal.goal, self.setup.cable.length
 
@@ -334,7 +366,7 @@ class AimSession:
         else:
             far = expected > max(goal.within_pct / 100.0, NEAR)
             unlikely = proposal.hit_chance < HIT_CHANCE_MIN and far
-        if self.config.anyway or not (stuck or unlikely):
+        if self.config.force or not (stuck or unlikely):
             return None
         return Stop(
             proposal=proposal,
@@ -369,7 +401,7 @@ class AimSession:
             goal = goals[0]
         squares = [
             cast.proposal.expected.law.scale * cast.square
-            for _, cast in self._counted()
+            for _, cast in self.active_casts()
             if cast.proposal is not None
         ]
         return propose(
@@ -402,7 +434,7 @@ class AimSession:
         to. The last one is kept.
         """
         rows = casts_near(
-            [row for row in self._counted() if not self.model.has_fitted(*row)], target_xy
+            [row for row in self.active_casts() if not self.model.has_fitted(*row)], target_xy
         )
         if not rows:
             return self.predictor
@@ -478,16 +510,20 @@ class AimSession:
             )
 
     @property
-    def refit_reason(self) -> str:
-        """Why the simulator should be fitted to all casts now; empty where it need not be."""
+    def refit_due(self) -> "RefitDue | None":
+        """Why the simulator should be fitted to all casts now; None if it need not be."""
         if self._refitting is None:
-            return ""
-        casts = [cast for _, cast in self._counted()]
-        badly, waits = follows_badly(self.model.tuned), self.model.waits
-        return refit_reason(casts, self.fitted_count, badly=badly, waits=waits)
+            return None
+        casts = [cast for _, cast in self.active_casts()]
+        return refit_due(
+            casts,
+            self.fitted_count,
+            distance=poor_fit(self.model.tuned),
+            needs_first_fit=self.model.needs_first_fit,
+        )
 
     def fit(self, progress: ProgressCallback = show) -> FittedModel:
-        """Return the model of a fit to all casts that were not taken back, for `use`.
+        """Return the model of a fit to all casts that were not discarded, for `use`.
 
         Takes as long as the first fit; the session stays as it is. A fit that was stopped goes on
         where it was when this is called again before the next cast.
@@ -520,46 +556,46 @@ def casts_near(casts: Sequence[tuple[int, Cast]], target_xy: NDArray[np.float64]
     return sorted(chosen[:LOCAL_COUNT])
 
 
-def follows_badly(tuned: Tuned | None) -> str:
-    """Return how far a fit is from its own casts, in words, if farther than usual; else empty."""
+def poor_fit(tuned: Tuned | None) -> float:
+    """Return the distance from a fit to its own casts [cable lengths] if it is poor, else 0."""
     distance = 0.0 if tuned is None or tuned.posterior is None else tuned.posterior.distance
-    if distance <= USUAL_DISTANCES[1]:
-        return ""
-    return f"follows them to {100.0 * distance:.1f} % of cable length only"
+    return distance if distance > USUAL_DISTANCES[1] else 0.0
 
 
-def refit_reason(
-    casts: Sequence[Cast], fitted_count: int, *, badly: str = "", waits: bool = False
-) -> str:
-    """Return why the simulator should be fitted anew, in words; empty where it need not be.
+def refit_due(
+    casts: Sequence[Cast],
+    fitted_count: int,
+    *,
+    distance: float = 0.0,
+    needs_first_fit: bool = False,
+) -> RefitDue | None:
+    """Return why the simulator should be fitted anew; None if it need not be.
 
     Args:
-        casts: Casts of a session that were not taken back, in the order in which they were made.
+        casts: Active casts of a session, in the order in which they were made.
         fitted_count: Number of them that the simulator was fitted to; 0 for one that was fitted to
             none of the session's, which needs no other fit.
-        badly: How far the fit is from these, see `follows_badly`.
-        waits: Whether the simulator waits for the first casts of the session.
+        distance: Distance from the fit to these [cable lengths] if it is poor, see `poor_fit`.
+        needs_first_fit: Whether the simulator is to be fitted to the first casts of the session.
     """
     count = len(casts)
-    if waits and count >= FIRST_COUNT:
-        return f"{count} casts are known, and the simulator is fitted to none"
-    if not 0 < fitted_count < ENOUGH:
-        return ""
-    counts = f"{count} casts are known, and the simulator is fitted to {fitted_count}"
+    due = functools.partial(RefitDue, cast_count=count, fitted_count=fitted_count)
+    if needs_first_fit and count >= FIRST_COUNT:
+        return due(RefitReason.FIRST_FIT)
+    if not 0 < fitted_count < ENOUGH or count < EARLY_GROWTH * fitted_count:
+        return None
     if count >= GROWTH * fitted_count:
-        return counts
-    if count < EARLY_GROWTH * fitted_count:
-        return ""
-    if badly:
-        return f"{counts}, and {badly}"
+        return due(RefitReason.MORE_CASTS)
+    if distance:
+        return due(RefitReason.POOR_FIT, size=distance)
     innovations = [
         0.5 * cast.square
         for cast in casts[fitted_count:]
         if cast.try_number == 1 and np.isfinite(cast.square)
     ]
     if len(innovations) < EARLY_TRIES:
-        return ""
+        return None
     mean = float(np.mean(np.minimum(innovations, _INNOVATION_MAX)))
     if mean <= EARLY_INNOVATION:
-        return ""
-    return f"{counts}; first tries land {np.sqrt(mean):.1f} times as far off as was stated"
+        return None
+    return due(RefitReason.FAR_OFF, size=float(np.sqrt(mean)))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from cablecast.aiming.session import AimSession, Stop
+    from cablecast.aiming.session import AimSession, RefitDue, Stop
     from cablecast.cast import Cast, Proposal
     from cablecast.pipeline.aim import AimResult
     from cablecast.setup import Setup
@@ -113,13 +113,13 @@ class Aim(AimConfig, _Targets):
         out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
         targets = paper_targets(setup) if self.paper_targets else self.targets(setup)
         # The paper's errors are those of all its targets.
-        config = dataclasses.replace(AimConfig.of(self), anyway=self.anyway or self.paper_targets)
+        config = dataclasses.replace(AimConfig.of(self), force=self.force or self.paper_targets)
         check_aim(config, out)
         # While it is simulated which targets are within reach.
         compile_for_fits()
         # What is fitted to casts tells more than what is believed of the cable.
         known_fit = self.params is not None or (out / SESSION_FOLDER).exists()
-        targets, outside = _within_reach(setup, targets, anyway=config.anyway or known_fit)
+        targets, outside = _within_reach(setup, targets, force=config.force or known_fit)
         if not len(targets):
             return EXIT_MISSED
         casts = None if self.casts is None else read_dataset(self.casts)
@@ -140,7 +140,7 @@ class Aim(AimConfig, _Targets):
                 count = session.fitted_count
                 print(f"{known} casts of {name} are known; the simulator is fitted to {count}")
             else:
-                values = "believed" if session.model.waits else "fitted"
+                values = "believed" if session.model.needs_first_fit else "fitted"
                 print(f"no cast of {name} is known yet: the simulator has the {values} values")
             result = aim(
                 session,
@@ -189,18 +189,18 @@ def _view_command(options: Aim) -> str:
 
 
 def _within_reach(
-    setup: "Setup", targets: "NDArray[np.float64]", *, anyway: bool
+    setup: "Setup", targets: "NDArray[np.float64]", *, force: bool
 ) -> "tuple[NDArray[np.float64], list[str]]":
     """Return the targets to cast at, and a line for each that no believed cable reaches."""
     from cablecast.cli.progress import console_progress
     from cablecast.pipeline.check import check, remedy
 
-    if anyway:
+    if force:
         return targets, []
     found = check(setup, changes=False)
     beyond = [found.is_out_of_reach(target) for target in targets]
     lines = [
-        f"{polar_text(target)}: not cast at: {found.words_at(target)} (--anyway casts all the same)"
+        f"{polar_text(target)}: not cast at: {found.words_at(target)} (--force casts all the same)"
         for target, is_beyond in zip(targets, beyond, strict=True)
         if is_beyond
     ]
@@ -213,11 +213,12 @@ def _within_reach(
     return targets[[not is_beyond for is_beyond in beyond]], lines
 
 
-def refit_and_say(session: "AimSession", reason: str) -> None:
+def refit_and_say(session: "AimSession", due: "RefitDue") -> None:
     """Say why a new fit is due, and make it."""
     from cablecast.cli.progress import console_progress
+    from cablecast.report.words import refit_text
 
-    print(f"\nnew fit   {reason} (--no-refit keeps the model)", flush=True)
+    print(f"\nnew fit   {refit_text(due)} (--no-refit keeps the model)", flush=True)
     with console_progress() as progress:
         session.refit(progress)
     print(f"          the simulator is fitted to {session.fitted_count} casts now")
@@ -251,7 +252,7 @@ def print_stop(stop: "Stop") -> None:
     if proposal.try_number == 1:
         print(f"\ntarget    {polar_text(proposal.goal.value)}")
     words = _stop_words(proposal.try_number - 1)
-    print(f"{words}: {stop_text(stop)} (--anyway casts all the same)", flush=True)
+    print(f"{words}: {stop_text(stop)} (--force casts all the same)", flush=True)
 
 
 def _stop_words(cast_count: int) -> str:

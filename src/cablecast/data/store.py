@@ -146,7 +146,7 @@ class CastStore:
 
     Attributes:
         casts: All casts.
-        undone: Numbers of those that were taken back: they are kept, and count for nothing.
+        undone: Numbers of discarded ones: they are kept, and count for nothing.
         task: Task of the casts that were aimed.
 
     Raises:
@@ -235,7 +235,7 @@ class CastStore:
         self.undone = undone
 
     def dataset(self, rows: Sequence[int] | NDArray[np.intp] | None = None) -> Dataset:
-        """Return casts by number, or all that were not taken back, as a dataset in memory."""
+        """Return casts by number, or all that were not discarded, as a dataset in memory."""
         if rows is None:
             rows = [number for number in range(len(self)) if number not in self.undone]
         stored = [_stored_row(self.casts[row], index) for index, row in enumerate(rows)]
@@ -257,7 +257,7 @@ class CastStore:
             return frozenset()
         except DamagedFileError as error:
             raise DamagedFileError(
-                f"{error}. Restore it, or delete it: casts that were taken back count again then"
+                f"{error}. Restore it, or delete it: discarded casts count again then"
             ) from None
 
     @property

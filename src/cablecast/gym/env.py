@@ -99,6 +99,8 @@ class CastTask:
     targets: Any = None
 
     def __post_init__(self):
+        if not isinstance(self.setup, Setup):
+            raise InputError(f"setup must be Setup, not {type(self.setup).__name__}")
         for name, kinds in (("action_form", ActionForm), ("off_table", OffTable)):
             check_choice(name, getattr(self, name), typing.get_args(kinds))
         check_count("tries", self.tries, high=TRIES_MAX)

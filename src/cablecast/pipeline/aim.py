@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.config import AimConfig
-from cablecast.aiming.session import AimSession, FittedModel, SimulatorConfig, Stop, follows_badly
+from cablecast.aiming.session import (
+    AimSession,
+    FittedModel,
+    RefitDue,
+    SimulatorConfig,
+    Stop,
+    poor_fit,
+)
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
@@ -40,6 +47,7 @@ from cablecast.pipeline.tune import tune
 from cablecast.report.maps import tries_map
 from cablecast.report.page import report_page
 from cablecast.report.style import png_bytes, svg_uri
+from cablecast.report.words import refit_text
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import (
     METRICS_FILE,
@@ -58,7 +66,7 @@ CALIBRATION_FOLDER, SECOND_FOLDER = "calibration", "calibration-2"
 SESSION_FOLDER = "session"
 FITS_FOLDER = "fits"
 """A later fit lies in `fits/NNNNN-MMMMM`: the session had NNNNN casts then, and MMMMM of them were
-taken back. The newest that is finished is the one that the session goes on with."""
+discarded. The newest that is finished is the one that the session goes on with."""
 REPORT_FOLDER = "report"
 HIDDEN_WIDTH = 128
 """Units of each hidden layer of the network. It finds candidates, and tells what a small change of
@@ -200,8 +208,9 @@ def prepare_aim(
         tuned = learning.fit(casts, folder, progress)
         # Not once the session has cast at a target: a new fit is due then where it is worth it.
         new = config.refit and all(cast.proposal is None for cast in store.casts)
-        if new and (badly := follows_badly(tuned)):
-            progress(Progress(task=f"The fit to these casts {badly}", note="as many casts again"))
+        if new and (distance := poor_fit(tuned)):
+            task = f"The fit follows these casts to {100.0 * distance:.1f} % of cable length only"
+            progress(Progress(task=task, note="as many casts again"))
             for made in (casts, _calibration_casts(rig, config, folder, progress, tuned)):
                 store.add_dataset(made)
             model, casts = learning(store, progress), None
@@ -352,13 +361,15 @@ class _Learning:
         self, casts: Dataset | None, tuned: Tuned | None, progress: ProgressCallback
     ) -> FittedModel:
         """Return the first model of a session: of a fit to casts, of a given one, or believed."""
-        waits = tuned is None and casts is None
+        needs_first_fit = tuned is None and casts is None
         if casts is not None and tuned is None:
             tuned = self.fit(casts, self.folder, progress)
         elif tuned is None:
             tuned = Tuned.believed(self.setup, self.config.seed)
         fitted_to = str(tuned.metrics.get("dataset_fingerprint", ""))
-        return self._model(tuned, self.folder, progress, fitted_to=fitted_to, waits=waits)
+        return self._model(
+            tuned, self.folder, progress, fitted_to=fitted_to, needs_first_fit=needs_first_fit
+        )
 
     def __call__(self, store: CastStore, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit; see `Refitting`."""
@@ -386,7 +397,7 @@ class _Learning:
         names = [name for name in names if re.fullmatch(r"\d{5,}-\d{5,}", name)]
         if not names:
             return None
-        # Casts are only ever added and taken back, so more of either came later.
+        # Casts are only ever added and discarded, so more of either came later.
         newest = max(names, key=lambda name: [int(count) for count in name.split("-")])
         return int(newest.partition("-")[0]), self.folder / FITS_FOLDER / newest
 
@@ -446,14 +457,14 @@ def aim(
     on_proposal: Callable[[Proposal], None] | None = None,
     on_cast: Callable[[Cast], None] | None = None,
     on_stop: Callable[[Stop], None] | None = None,
-    on_refit: Callable[[AimSession, str], None] | None = None,
+    on_refit: Callable[[AimSession, RefitDue], None] | None = None,
     progress: ProgressCallback = show,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.
 
     A target that the session has cast at before goes on where it stopped. Casts that are not worth
     making are not made, see `AimSession.stop`. Before a new target the
-    simulator is fitted anew to all casts where `AimSession.refit_reason` says that it is worth it,
+    simulator is fitted anew to all casts where `AimSession.refit_due` says that it is worth it,
     unless `AimConfig.refit` is False.
 
     Args:
@@ -480,11 +491,11 @@ def aim(
     for done, goal in enumerate(goals):
         # Never between the tries at a target: a correction relies on the model of the last try.
         refits = session.config.refit and not session.casts_at(goal.value)
-        reason = session.refit_reason if refits else ""
-        if reason and on_refit is not None:
-            on_refit(session, reason)
-        elif reason:
-            progress(Progress(task="A new fit to all casts", note=reason))
+        due = session.refit_due if refits else None
+        if due is not None and on_refit is not None:
+            on_refit(session, due)
+        elif due is not None:
+            progress(Progress(task="A new fit to all casts", note=refit_text(due)))
             session.refit(progress)
         stop = None
         while not session.is_done(goal.value):

@@ -5,7 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.aiming.session import STUCK_COUNT, AimSession, Stop, StopReason
+from cablecast.aiming.session import (
+    STUCK_COUNT,
+    AimSession,
+    RefitDue,
+    RefitReason,
+    Stop,
+    StopReason,
+)
 from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
 
@@ -50,6 +57,17 @@ def outlook_text(proposal: Proposal) -> str:
         f"expected {100.0 * miss * length:.1f} cm off the target, somewhere in "
         f"{wide:.0f} by {narrow:.0f} cm"
     )
+
+
+def refit_text(due: RefitDue) -> str:
+    """Return why the simulator should be fitted anew."""
+    count = "none" if due.reason is RefitReason.FIRST_FIT else str(due.fitted_count)
+    text = f"{due.cast_count} casts are known, and the simulator is fitted to {count}"
+    if due.reason is RefitReason.POOR_FIT:
+        return f"{text}, and follows them to {100.0 * due.size:.1f} % of cable length only"
+    if due.reason is RefitReason.FAR_OFF:
+        return f"{text}; first tries land {due.size:.1f} times as far off as was stated"
+    return text
 
 
 def stop_text(stop: Stop) -> str:

@@ -127,7 +127,7 @@ class Desk:
         )
 
     def is_undone(self, trial: Cast) -> bool:
-        """Return whether a try was taken back."""
+        """Return whether a try was discarded."""
         return self.session is not None and trial.number in self.session.undone
 
     def tries_at(self, target_xy: NDArray[np.float64]) -> list[Cast]:
@@ -268,7 +268,7 @@ class Desk:
                 raise InputError("there is no try to undo")
             self._need_session().undo(last.number)
             self.preview, self.stop = None, ""
-            self.message = f"Try {last.number} is taken back: no plan uses it from now on."
+            self.message = f"Try {last.number} is discarded: no plan uses it from now on."
             return last
 
     def simulate(self, trajectory: Trajectory) -> ShownCast:

@@ -21,6 +21,7 @@ from cablecast.errors import CablecastError, InputError
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim import SESSION_FOLDER, prepare_aim
+from cablecast.report.words import refit_text
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import ProgressCallback
@@ -411,7 +412,8 @@ class Page:
             if tuple(chosen.options) != names:
                 chosen.options, chosen.value = names, names[-1]
             update(undo, disabled=busy or desk.last is None)
-            reason = "" if desk.session is None else desk.session.refit_reason
+            refit_due = None if desk.session is None else desk.session.refit_due
+            reason = "" if refit_due is None else refit_text(refit_due)
             update(due, visible=bool(reason), content=f"A new fit is worth it: {reason}.")
             update(refit, color="blue" if reason else SLATE, disabled=busy)
 

@@ -86,7 +86,7 @@ def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, 
 
     assert not cablecast("tune", "--segment-count", "10", "--dt", "0.002", rig=())
     known = ("--casts", "runs/cable_1/tune-data", "--params", "runs/cable_1/tune")
-    few = ("--simulated-count", "400", "--candidate-count", "2000", "--tries", "1", "--anyway")
+    few = ("--simulated-count", "400", "--candidate-count", "2000", "--tries", "1", "--force")
     # What so small a model aims at, it may miss: 3 says so.
     assert cablecast("aim", *known, *few, "--target", "1.10", "16.7") in (0, 3)
     assert "2 casts of cable_1 are known; the simulator is fitted to 2" in capsys.readouterr().out
