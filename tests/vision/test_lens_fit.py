@@ -112,7 +112,8 @@ def test_a_set_of_pictures_gives_a_lens_that_it_determines_or_none(name, seed):
     size = (LENS.width, LENS.height)
     if name not in HONEST:
         with pytest.raises(
-            InputError, match=r"20 to 40 degrees|are needed|in all corners|picture's edge"
+            InputError,
+            match=r"20 to 40 degrees|are needed|in all corners|picture's edge, above \d\.\d\d px",
         ):
             fit_lens(found, BOARD, size)
         return
