@@ -13,7 +13,7 @@ TINY = (
     "GENERATIONS, EPOCHS, CANDIDATES = 2, 2, 200\n"
     # A coarse cable, if not told otherwise.
     "import cablecast as cc\n"
-    "build = cc.EngineWarp.__init__.__wrapped__\n"
+    "build = cc.EngineWarp.__init__\n"
     "build.__defaults__ = (10, 2e-3, *build.__defaults__[2:])\n"
 )
 FEW = "cc.TuneConfig(population_size=6, "

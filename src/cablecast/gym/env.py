@@ -99,8 +99,6 @@ class CastTask:
     targets: Any = None
 
     def __post_init__(self):
-        if not isinstance(self.setup, Setup):
-            raise InputError(f"setup must be Setup, not {type(self.setup).__name__}")
         for name, kinds in (("action_form", ActionForm), ("off_table", OffTable)):
             check_choice(name, getattr(self, name), typing.get_args(kinds))
         check_count("tries", self.tries, high=TRIES_MAX)
@@ -273,6 +271,8 @@ class _Casts:
             check_choice("render_mode", render_mode, RENDER_MODES)
         self.render_mode = render_mode
         setup = setup or (tuned.setup if tuned is not None else Setup())
+        if not isinstance(setup, Setup):
+            raise InputError(f"setup must be Setup, not {type(setup).__name__}")
         tuned = Tuned.of(tuned, setup)
         self.dynamics = tuned.dynamics
         self.task = CastTask(setup=setup, params=tuned.params, **options)
