@@ -209,7 +209,8 @@ def prepare_aim(
         # Not once the session has cast at a target: a new fit is due then where it is worth it.
         new = config.refit and all(cast.proposal is None for cast in store.casts)
         if new and (distance := poor_fit(tuned)):
-            task = f"The fit follows these casts to {100.0 * distance:.1f} % of cable length only"
+            percent = 100.0 * distance
+            task = f"The fit to these casts follows them to {percent:.1f} % of cable length only"
             progress(Progress(task=task, note="as many casts again"))
             for made in (casts, _calibration_casts(rig, config, folder, progress, tuned)):
                 store.add_dataset(made)
