@@ -119,3 +119,22 @@ def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(tmp_path, caps
     error = capsys.readouterr().err
     assert error.splitlines()[-1].startswith("cablecast: ")
     assert blocker.read_text() == "in the way"
+
+
+@pytest.mark.parametrize("missing", ["/proc/none", "/proc/none/.cache/warp/kernel"])
+def test_a_home_that_cannot_be_written_is_named_with_what_the_simulator_keeps_there(
+    missing, monkeypatch, capsys
+):
+    monkeypatch.setenv("HOME", "/proc/none")
+    for name in ("XDG_CACHE_HOME", "WARP_CACHE_PATH"):
+        monkeypatch.delenv(name, raising=False)
+
+    def run(_):
+        raise FileNotFoundError(2, "No such file or directory", missing)
+
+    monkeypatch.setattr(PlanVerb, "run", run)
+    assert main(["plan", "--target", "1.1", "10"]) != 0
+    line = capsys.readouterr().err.strip()
+    assert f"{missing}: No such file or directory" in line
+    assert "set WARP_CACHE_PATH to a folder that can be written" in line
+    assert "\n" not in line
