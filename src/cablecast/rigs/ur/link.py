@@ -3,7 +3,6 @@
 import collections
 import contextlib
 import dataclasses
-import enum
 import json
 import queue
 import socket
@@ -17,9 +16,10 @@ from typing import Any, TextIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.errors import RigError
+from cablecast.rigs.driver import Phase
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
+from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.rtde import (
     CB3,
     CB3_MODELS,
@@ -98,16 +98,6 @@ BY_HAND = (
 )
 
 
-class Phase(enum.IntEnum):
-    """What the rig is doing, for a person who looks at the controller, and for the twin."""
-
-    IDLE = 0
-    RESET = 1
-    CAST = 2
-    SETTLE = 3
-    READOUT = 4
-
-
 class UrLink:
     """Connection to one controller, through a process of its own (rigs/ur/agent.py).
 
@@ -121,7 +111,7 @@ class UrLink:
         RigError: The controller does not answer, or its generation is unknown.
     """
 
-    def __init__(self, robot: RobotConfig):
+    def __init__(self, robot: RobotUR):
         self.robot = robot
         self.reports: collections.deque[Report] = collections.deque(maxlen=_REPORT_COUNT_MAX)
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
@@ -457,7 +447,7 @@ def check_arm(version: Version, model: str) -> None:
         )
 
 
-def check_ready(link: UrLink, robot: RobotConfig) -> Report:
+def check_ready(link: UrLink, robot: RobotUR) -> Report:
     """Refuse to move unless the controller is ready for it, and return its newest report.
 
     Raises:
@@ -479,7 +469,7 @@ def check_ready(link: UrLink, robot: RobotConfig) -> Report:
     return report
 
 
-def check_report(report: Report, robot: RobotConfig) -> None:
+def check_report(report: Report, robot: RobotUR) -> None:
     """Refuse a report of an arm that is not as the lab file says.
 
     Raises:
