@@ -28,48 +28,33 @@ class CastAbortedError(RigError):
     """A motion that was not carried out as it was meant: it must not become data."""
 
 
-class ArmReport(Protocol):
-    """One report of an arm's controller."""
+@dataclasses.dataclass(frozen=True)
+class ArmReport:
+    """One report of an arm's controller.
 
-    @property
-    def time(self) -> float:
-        """Controller's clock [s]."""
-        ...
+    Attributes:
+        time: Controller's clock [s].
+        host_time: `time.monotonic` of this computer when it was read [s].
+        q: Measured joint angles [rad].
+        qd: Measured joint rates [rad/s].
+        target_q: Set points that the controller follows [rad].
+        speed_scaling: Share of the commanded speed at which the arm moves [-].
+        safety_bits: Safety status, as the controller numbers it.
+        is_playing: True while a motion or a program runs.
+    """
 
-    @property
-    def host_time(self) -> float:
-        """`time.monotonic` of this computer when it was read [s]."""
-        ...
+    time: float
+    host_time: float
+    q: NDArray[np.float64]
+    qd: NDArray[np.float64]
+    target_q: NDArray[np.float64]
+    speed_scaling: float
+    safety_bits: int
+    is_playing: bool
 
-    @property
-    def q(self) -> NDArray[np.float64]:
-        """Measured joint angles [rad], shape [joint]."""
-        ...
-
-    @property
-    def qd(self) -> NDArray[np.float64]:
-        """Measured joint rates [rad/s], shape [joint]."""
-        ...
-
-    @property
-    def target_q(self) -> NDArray[np.float64]:
-        """Set points that the controller follows [rad], shape [joint]."""
-        ...
-
-    @property
-    def speed_scaling(self) -> float:
-        """Share of the commanded speed at which the arm moves [-]."""
-        ...
-
-    @property
-    def safety_bits(self) -> int:
-        """Safety status, as the controller numbers it."""
-        ...
-
-    @property
-    def is_playing(self) -> bool:
-        """True while a motion or a program runs."""
-        ...
+    def __post_init__(self):
+        for name in ("q", "qd", "target_q"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,3 @@
-import dataclasses
 import itertools
 from collections.abc import Callable
 from typing import ClassVar
@@ -9,29 +8,11 @@ from tests.rigs.puppet.config import RobotPuppet
 
 from cablecast.errors import InputError, RigError
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.driver import MotionRecord, Phase
+from cablecast.rigs.driver import ArmReport, MotionRecord, Phase
 from cablecast.rigs.path import JointCurve
 from cablecast.setup import Setup
 
 SPEED_MAX = 50.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Report:
-    time: float
-    q: NDArray[np.float64]
-    qd: NDArray[np.float64]
-    is_playing: bool
-    speed_scaling: float = 1.0
-    safety_bits: int = 1
-
-    @property
-    def host_time(self) -> float:
-        return self.time
-
-    @property
-    def target_q(self) -> NDArray[np.float64]:
-        return self.q
 
 
 class DriverPuppet:
@@ -53,7 +34,7 @@ class DriverPuppet:
             raise InputError("a puppet needs its own robot section")
         self.dt, self.description = robot.report_dt, {"string_length": robot.string_length}
         self.q = setup.arm.inverse(np.asarray(reset_pose(setup.workspace), dtype=float))
-        self.reports: list[Report] = []
+        self.reports: list[ArmReport] = []
         self.played: list[str] = []
         self.is_moving = self.is_open = self.is_blocked = False
         self.made.append(self)
@@ -64,12 +45,12 @@ class DriverPuppet:
         self.is_open = True
         return "puppet ready"
 
-    def latest(self) -> Report:
+    def latest(self) -> ArmReport:
         if not self.is_open:
             raise RigError("nobody holds the strings")
         return self._report(self.q, 0.0 * self.q)
 
-    def since(self, when: float) -> list[Report]:
+    def since(self, when: float) -> list[ArmReport]:
         return [report for report in self.reports if report.time > when]
 
     def play(self, name: str, curve: JointCurve, phase: Phase) -> MotionRecord:
@@ -99,7 +80,7 @@ class DriverPuppet:
     def close(self) -> None:
         self.is_open = False
 
-    def _report(self, q: NDArray[np.float64], qd: NDArray[np.float64]) -> Report:
+    def _report(self, q: NDArray[np.float64], qd: NDArray[np.float64]) -> ArmReport:
         time = self.reports[-1].time + self.dt if self.reports else 100.0
-        self.reports.append(Report(time, q, qd, self.is_moving))
+        self.reports.append(ArmReport(time, time, q, qd, q, 1.0, 1, self.is_moving))
         return self.reports[-1]

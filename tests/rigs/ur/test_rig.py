@@ -175,7 +175,7 @@ def test_a_cast_of_which_reports_were_lost_is_aborted(lost):
     times = 50.0 + np.arange(-20, 160) * 0.008
 
     def reports(times):
-        rest = (still, still, still, 1.0, 1, 7, True, 0.0, None, 2, 1, 1)
+        rest = (still, still, still, 1.0, 1, True, 7, 0.0, None, 2, 1, 1)
         return [Report(t, t, *rest) for t in times]
 
     check_reports(MotionRecord(50.0, reports(times)), points)

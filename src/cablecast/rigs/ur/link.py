@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import RigError
-from cablecast.rigs.driver import Phase
+from cablecast.rigs.driver import ArmReport, Phase
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
 from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.rtde import (
@@ -48,19 +48,11 @@ _BEATS_PER_WATCHDOG = 10
 
 
 @dataclasses.dataclass(frozen=True)
-class Report:
-    """One report of the controller.
+class Report(ArmReport):
+    """One report of a UR controller, whose speed scaling includes the slider's.
 
     Attributes:
-        time: Controller's clock [s].
-        host_time: `time.monotonic` of this computer when it was read [s].
-        q: Measured joint angles [rad].
-        qd: Measured joint rates [rad/s].
-        target_q: Set points that the controller follows [rad].
-        speed_scaling: Speed scaling, the slider's included [-].
-        safety_bits: Safety status bits of RTDE.
         robot_mode: Robot mode of RTDE; 7 is running.
-        is_playing: True while a program runs.
         payload: Payload that is set [kg]; None where the controller does not report it.
         payload_cog: Centre of that payload in the flange frame [m], shape [3]; None where the
             controller does not report it.
@@ -69,15 +61,7 @@ class Report:
         number: Number of the program.
     """
 
-    time: float
-    host_time: float
-    q: NDArray[np.float64]
-    qd: NDArray[np.float64]
-    target_q: NDArray[np.float64]
-    speed_scaling: float
-    safety_bits: int
     robot_mode: int
-    is_playing: bool
     payload: float | None
     payload_cog: NDArray[np.float64] | None
     state: int
@@ -85,8 +69,7 @@ class Report:
     number: int
 
     def __post_init__(self):
-        for name in ("q", "qd", "target_q"):
-            object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
+        super().__post_init__()
         if self.payload_cog is not None:
             object.__setattr__(self, "payload_cog", np.array(self.payload_cog, dtype=float))
 
