@@ -1,8 +1,8 @@
 """The robot of a lab, whose box holds the reach of a UR5 in front of it."""
 
-from cablecast.rigs.ur.config import RobotUR
+from cablecast.arm.robot import RobotConfig
 
-ROBOT = RobotUR(
+ROBOT = RobotConfig(
     address="127.0.0.1",
     payload_mass=0.95,
     payload_cog=(0.0, 0.0, 0.06),

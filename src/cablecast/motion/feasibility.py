@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.base import Arm, JointMotion, LimitKind, limit_violations
+from cablecast.arm.base import Arm, JointMotion, LimitKind
 from cablecast.conventions import stream
 from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import (
@@ -24,6 +24,8 @@ from cablecast.motion.action import (
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.setup import Setup
+
+JOINT_LIMIT_KINDS = (LimitKind.POSITION, LimitKind.VELOCITY, LimitKind.ACCELERATION)
 
 LIMIT_SHARE = 0.98
 """Share of each limit that a motion may use [-]. Peaks are taken from samples; a peak between two
@@ -118,16 +120,16 @@ class Feasibility:
                 unit=LimitKind.REACH.value,
             )
             found[row].append(violation)
-        peaks = np.moveaxis(self.peaks[:, :, None], 1, 0)
-        for peak in limit_violations(peaks, self.bounds):
+        for row, index, joint in np.argwhere(self.peaks > self.bounds):
+            kind = JOINT_LIMIT_KINDS[index]
             violation = LimitViolation(
-                what=f"{self.joint_names[peak.joint]} {peak.kind.name.lower()}",
-                value=peak.value,
-                bound=peak.bound,
-                unit=peak.kind.value,
+                what=f"{self.joint_names[joint]} {kind.name.lower()}",
+                value=float(self.peaks[row, index, joint]),
+                bound=float(self.bounds[index, joint]),
+                unit=kind.value,
                 note=f", {100 * LIMIT_SHARE:g} % of the joint's limit",
             )
-            found[peak.row[0]].append(violation)
+            found[row].append(violation)
         return {row: tuple(violations) for row, violations in found.items()}
 
     def describe(self, row: int) -> str:
