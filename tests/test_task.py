@@ -31,7 +31,6 @@ class Farthest(Task):
 
     name = "farthest"
     coordinates = ("r",)
-    mirror = (1.0,)
 
     def scale(self, setup):
         return np.array([setup.cable.length])

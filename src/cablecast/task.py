@@ -32,12 +32,10 @@ class Task(abc.ABC):
     Attributes:
         name: Name in files and on the command line.
         coordinates: Name of each component of an outcome, shape [k].
-        mirror: Sign of each component under the mirror image of a cast, shape [k].
     """
 
     name: ClassVar[str]
     coordinates: ClassVar[tuple[str, ...]]
-    mirror: ClassVar[tuple[float, ...]]
 
     @abc.abstractmethod
     def scale(self, setup: Setup) -> Array:
@@ -128,7 +126,6 @@ class Landing(Task):
 
     name = "landing"
     coordinates = ("x", "y")
-    mirror = (-1.0, 1.0)
 
     def scale(self, setup: Setup) -> Array:
         """Return the length of the cable for x and y [m], shape [2]."""
