@@ -15,6 +15,7 @@ from cablecast.pipeline.camera import _gather_boards
 from cablecast.rigs.virtual.camera import VirtualCamera
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.runs.progress import ignore
+from cablecast.vision import calibration
 from cablecast.vision.calibration import Board, calibrate_lens, fit_lens
 from cablecast.vision.tags import load_cv2
 
@@ -27,6 +28,7 @@ LENS = Lens(
     distortion=(-0.1, 0.05, 0.0005, -0.0003, 0.0),
 )
 BOARD = Board()
+BOUND = calibration.EDGE_SD_MAX
 CORNERS = np.array(BOARD.to_opencv().getChessboardCorners())
 VIEW = CameraView(
     lens=LENS, rotation=((1, 0, 0), (0, -1, 0), (0, 0, -1)), position=(0.0, 0.75, 1.9)
@@ -35,6 +37,9 @@ VIEW = CameraView(
 NOISE = 0.2
 # An error beyond so many standard deviations is no scatter.
 SD_COUNT = 4.0
+# Of the way from the picture's middle to its edges, at which people hold a board: so far that the
+# pictures determine the lens, and so little that they do not.
+HALF_WAY, LITTLE = 0.5, 0.3
 # What a lens that is not refused costs on the table, and 5 cm above it [m].
 COST = 1e-3
 
@@ -87,6 +92,15 @@ SETS = {
 HONEST = ("tilted about one axis", "in one half", "as it should be")
 
 
+def held(rng, reach, count=15):
+    """Boards that fill a quarter to half of the picture, up to a share of the way to its edges."""
+    half = np.array([LENS.width, LENS.height]) / 2 / LENS.focal
+    places = []
+    for z in rng.uniform(0.9, 1.7, count):
+        places.append([*(rng.uniform(-reach, reach, 2) * half * z), z])
+    return [seen(rng, tilted(rng, 0.5), place) for place in places]
+
+
 def cost(lens):
     """Return the largest rms error over the table with a lens, at heights up to 5 cm [m]."""
     points = np.concatenate([tag.corners for tag in default_layout().tags])
@@ -123,6 +137,24 @@ def test_a_set_of_pictures_gives_a_lens_that_it_determines_or_none(name, seed):
     misses = np.abs(np.subtract(fit.lens.distortion, LENS.distortion))
     assert np.all(misses < SD_COUNT * np.array(fit.distortion_sd))
     assert cost(fit.lens) < COST
+
+
+def test_boards_held_on_half_the_way_to_the_edges_give_a_lens():
+    for seed in range(4):
+        fit = fit_lens(
+            held(np.random.default_rng(seed), HALF_WAY), BOARD, (LENS.width, LENS.height)
+        )
+        assert cost(fit.lens) < COST
+
+
+def test_a_lens_that_the_bound_at_the_edge_refuses_would_be_off_on_the_table(monkeypatch):
+    monkeypatch.setattr(calibration, "EDGE_SD_MAX", np.inf)
+    size, refused = (LENS.width, LENS.height), []
+    for seed in range(12):
+        fit = fit_lens(held(np.random.default_rng(seed), LITTLE), BOARD, size)
+        if fit.edge_sd > BOUND * LENS.width:
+            refused.append(cost(fit.lens))
+    assert np.median(refused) > COST
 
 
 def test_drawn_pictures_of_a_board_that_faces_the_camera_are_refused():

@@ -115,7 +115,10 @@ class Calibrate:
         print(f"lens      focal length {focal[0]:.1f} x {focal[1]:.1f} px +- {fit.focal_sd:.1f}")
         u, v = fit.lens.centre
         print(f"centre    {u:.1f}, {v:.1f} px +- {fit.centre_sd:.1f}")
-        print(f"table     +- {fit.edge_sd:.1f} px at the picture's edge")
+        print(
+            f"table     +- {fit.edge_sd:.1f} px at the picture's edge, "
+            f"{1e3 * fit.edge_sd / fit.lens.width:.1f} mm for each metre that it shows across"
+        )
 
 
 def _ask_for_touches(tag_ids: list[int], file: pathlib.Path) -> "dict[int, Point]":
