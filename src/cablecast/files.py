@@ -11,7 +11,6 @@ import glob
 import hashlib
 import importlib.metadata
 import io
-import itertools
 import json
 import math
 import os
@@ -67,9 +66,18 @@ def read_text(path: str | pathlib.Path, size_max: int = SIZE_MAX) -> str:
     content = read_bytes(path, size_max)
     try:
         is_wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-        return content.decode("utf-16" if is_wide else "utf-8-sig")
+        text = content.decode("utf-16" if is_wide else "utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not text in UTF-8 (byte {error.start})") from None
+        raise InputError(
+            f"{path} is not text in UTF-8 (byte {error.start}): save it in UTF-8"
+        ) from None
+    if "\0" in text:
+        # UTF-16 without a mark, or no text at all.
+        raise InputError(f"{path} is not text in UTF-8 (byte 0 in it): save it in UTF-8")
+    return text
+
+
+_LEADING_ZERO = re.compile(r"[-+]?0[0-9_]+")
 
 
 class _Loader(yaml.SafeLoader):
@@ -81,9 +89,10 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        if re.fullmatch(r"[-+]?0[0-9_]+", str(node.value)):
+        if _LEADING_ZERO.fullmatch(str(node.value)):
             raise yaml.MarkedYAMLError(
-                problem=f"{str(node.value)[:40]} has a leading zero, which YAML reads as octal",
+                problem=f"{str(node.value)[:40]} has a leading zero, which YAML reads as octal: "
+                "write the number without it, or a name in quotes",
                 problem_mark=node.start_mark,
             )
         return super().construct_yaml_int(node)
@@ -103,6 +112,8 @@ class _Loader(yaml.SafeLoader):
 
 
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
+# 08 is no octal number, and would be text.
+_Loader.add_implicit_resolver("tag:yaml.org,2002:int", _LEADING_ZERO, list("-+0"))
 # YAML 1.1 reads 5e-2 and 1.e5 as text, but every person means the number.
 _Loader.yaml_implicit_resolvers = {
     first: [(tag, regexp) for tag, regexp in resolvers if tag != "tag:yaml.org,2002:float"]
@@ -177,7 +188,10 @@ def read_csv(
         if len(cells) <= needed:
             raise InputError(f"line {number} of {path} has too few cells")
         if any(cell.strip() for cell in cells[len(header) :]):
-            raise InputError(f"line {number} of {path} has too many cells")
+            raise InputError(
+                f"line {number} of {path} has too many cells; if it has decimal commas, "
+                "separate its cells by ; or tabs"
+            )
         rows.append(dict(zip(header, cells + [""] * (len(header) - len(cells)), strict=False)))
     return rows
 
@@ -207,13 +221,20 @@ def read_numbers(
     Raises:
         InputError: There is no such file, or something is missing or no number.
     """
-    rows = read_csv(path, columns)
-    try:
-        values = [[float(row[name]) for name in columns] for row in rows]
-    except ValueError:
-        raise InputError(f"{path} holds something else than numbers") from None
-    if len(values) < least or not all(map(math.isfinite, itertools.chain(*values))):
-        raise InputError(f"{path} must hold at least {least} rows of finite numbers")
+    values = []
+    for number, row in enumerate(read_csv(path, columns), start=1):
+        values.append([])
+        for name in columns:
+            try:
+                values[-1].append(float(row[name]))
+            except ValueError:
+                values[-1].append(math.nan)
+            if not math.isfinite(values[-1][-1]):
+                raise InputError(
+                    f"{path}: {name} = {row[name][:40]!r} in row {number} is no finite number"
+                )
+    if len(values) < least:
+        raise InputError(f"{path} has {len(values)} rows, and needs at least {least}")
     return values
 
 

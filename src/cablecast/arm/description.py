@@ -109,6 +109,7 @@ class _Stated(NamedTuple):
     kind: str
     range: tuple[float, float] | None
     speed: float | None
+    bounds: str = ""
 
 
 def _read(path: pathlib.Path) -> tuple[Any, dict[str, _Stated], bool]:
@@ -211,6 +212,7 @@ def _stated(path: pathlib.Path, name: str, joint: ElementTree.Element) -> _State
         kind,
         (low, high) if -np.inf < low < high < np.inf else None,
         speed if 0.0 < speed < np.inf else None,
+        ", ".join(f"{key} = {values[key]:g}" for key in ("lower", "upper") if key in values),
     )
 
 
@@ -425,8 +427,9 @@ def _limits(
             )
         if "position" not in given and row.range is None:
             raise InputError(
-                f"{where} states no range of joint {name!r}: give position for "
-                "all joints under limits in the lab file"
+                f"{where} states no range of joint {name!r}"
+                f"{f', its limit has {row.bounds}' if row.bounds else ''}: give position for "
+                "all joints under limits in the lab file [rad]"
             )
         if "velocity" not in given and row.speed is None:
             raise InputError(

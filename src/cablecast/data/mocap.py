@@ -110,8 +110,13 @@ class Take:
         found = [n for n in self.points if name in (n, n.rpartition(":")[2])]
         if name in self.points or len(found) == 1:
             return self.points[name if name in self.points else found[0]]
-        names = ", ".join(list(self.points)[:12])
-        raise InputError(f"{self.path} has {len(found) or 'no'} points {name[:40]!r}, of {names}")
+        names = ", ".join([n for n in found or self.points if n][:12])
+        what = (
+            f"{len(found)} points {name[:40]!r}: name one of"
+            if found
+            else f"no point {name[:40]!r}, of"
+        )
+        raise InputError(f"{self.path} has {what} {names}")
 
     def track(self, end: str, workspace: Workspace, start: float = 0.0) -> EndpointTrack:
         """Return the track of the cable's end, every 100 ms since a time of the take [s]."""

@@ -54,6 +54,10 @@ _STILL = 0.01
 _UNSOUND_MAX = 0.2
 # The time between two rows of a cast is no more, and its first row no later [s].
 _STEP_MAX, _START_MAX = 10.0, 10.0
+# Rows of a cast are no farther apart in the median [s].
+_STEP_MEDIAN_MAX = 2.0
+# Units that are mistaken for those of our columns.
+_MISTAKEN = {"rad": "degrees", "m": "mm", "s": "ns"}
 # Nothing turns a grip faster [rad/s], measured over a time [s], nor farther [rad].
 _YAW_RATE_MAX, _YAW_TIME, _YAW_MAX = 20.0, 0.1, 4.0 * np.pi
 _EMPTY = ("", "na", "n/a", "#n/a", "null", "none", "-")
@@ -108,7 +112,7 @@ def read_recordings(
     if not groups:
         raise InputError(f"{path} holds no casts")
     casts: list[Recording] = []
-    first: InputError | None = None
+    lost: list[InputError] = []
     for name, rows in groups.items():
         cells = {c: values[rows] for c, values in columns.items()}
         where = f"{path}, cast {name[:40]!r}"
@@ -116,11 +120,12 @@ def read_recordings(
             sound = _sound(where, cells, np.array(rows) + 1, report, of_take=mocap is not None)
             casts.append(_recording(where, name, sound, setup))
         except InputError as error:
-            first = first or error
-            if len(groups) > 1:
-                report(f"{error}: the cast is left out")
-    if first is not None and not casts:
-        raise first
+            lost.append(error)
+    if not casts:
+        more = f" ({len(lost) - 1} more casts cannot be used either)" if len(lost) > 1 else ""
+        raise InputError(f"{lost[0]}{more}")
+    for error in lost:
+        report(f"{error}: the cast is left out")
     return casts
 
 
@@ -152,9 +157,18 @@ def _sound(
             # The median of three is the nearest place between the neighbours.
             leaps = np.abs(values[known] - median_filter(values[known], 3))
             absurd[known] |= leaps > _SPIKE
+        unit = name.rpartition("_")[2]
         for row in np.flatnonzero(absurd):
-            why[row] = why[row] or f"{name} = {values[row]:g}"
+            beyond = abs(values[row]) > bound
+            hint = f", beyond {bound:g} {unit}: is it in {_MISTAKEN[unit]}?" if beyond else ""
+            why[row] = why[row] or f"{name} = {values[row]:g}{hint}"
     left = np.array([not words for words in why])
+    steps = np.diff(np.unique(times[left]))
+    if len(steps) and (step := float(np.median(steps))) > _STEP_MEDIAN_MAX:
+        raise InputError(
+            f"{where}: its rows are {step:g} s apart in the median, above {_STEP_MEDIAN_MAX:g} s: "
+            f"is {TIME_COLUMN} in seconds?"
+        )
     # Logs begin with rows of another time, or end with them: those about most others are the cast.
     order = np.flatnonzero(left)[np.argsort(times[left], kind="stable")]
     series = np.split(order, np.flatnonzero(np.diff(times[order]) > _STEP_MAX) + 1)
