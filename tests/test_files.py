@@ -12,6 +12,7 @@ from cablecast.files import (
     parse_yaml,
     read_csv,
     read_json,
+    read_numbers,
     read_sealed,
     read_text,
     read_yaml,
@@ -221,6 +222,19 @@ def test_csv_cells_beyond_the_last_column_are_ignored_where_empty_and_refused_el
         read_csv(file, ("x", "y"))
 
 
+def test_a_table_that_is_no_utf8_or_has_a_cell_that_is_no_finite_number_is_named(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_bytes("x,y\n1,2\n".encode("utf-16-le"))
+    with pytest.raises(InputError, match=r"not text in UTF-8 \(byte 0 in it\): save it in UTF-8"):
+        read_csv(file, ("x", "y"))
+    for cell in ("nan", "far"):
+        file.write_text(f"x,y\n1,2\n3,{cell}\n")
+        with pytest.raises(InputError, match=f"y = '{cell}' in row 2 is no finite number"):
+            read_numbers(file, ("x", "y"), 1)
+    with pytest.raises(InputError, match="has 2 rows, and needs at least 3"):
+        read_numbers(file, ("x",), 3)
+
+
 def test_a_csv_file_may_be_as_large_as_its_reader_says(tmp_path):
     file = tmp_path / "a.csv"
     file.write_text("x\n" + "1\n" * 10)
@@ -229,7 +243,7 @@ def test_a_csv_file_may_be_as_large_as_its_reader_says(tmp_path):
         read_csv(file, ("x",), size_max=21)
 
 
-@pytest.mark.parametrize("text", ["jerk: 060", "jerk: -07", "robot: {jerk: 0_60}"])
+@pytest.mark.parametrize("text", ["jerk: 060", "jerk: 08", "jerk: -07", "robot: {jerk: 0_60}"])
 def test_a_number_with_a_leading_zero_is_no_octal_one(text):
     with pytest.raises(InputError, match=r"line 1: .* leading zero, which YAML reads as octal"):
         parse_yaml(text, "lab.yaml")

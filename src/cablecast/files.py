@@ -112,8 +112,6 @@ class _Loader(yaml.SafeLoader):
 
 
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
-# 08 is no octal number, and would be text.
-_Loader.add_implicit_resolver("tag:yaml.org,2002:int", _LEADING_ZERO, list("-+0"))
 # YAML 1.1 reads 5e-2 and 1.e5 as text, but every person means the number.
 _Loader.yaml_implicit_resolvers = {
     first: [(tag, regexp) for tag, regexp in resolvers if tag != "tag:yaml.org,2002:float"]
@@ -130,6 +128,8 @@ _Loader.add_implicit_resolver(
     ),
     list("-+0123456789."),
 )
+# 08 is no octal number, and would be text.
+_Loader.add_implicit_resolver("tag:yaml.org,2002:int", _LEADING_ZERO, list("-+0"))
 
 
 def read_yaml(path: str | pathlib.Path) -> dict[str, Any]:

@@ -256,7 +256,11 @@ HANGING = (
             {},
             "no range of joint 'joint3'",
         ),
-        (chain(limit='<limit lower="3" upper="-3" velocity="2"/>'), {}, "no range of joint 'joint"),
+        (
+            chain(limit='<limit lower="3" upper="-3" velocity="2"/>'),
+            {},
+            "no range of joint 'joint3', its limit has lower = 3, upper = -3: give position",
+        ),
         (chain(limit='<limit velocity="2"/>'), {}, "states no range of joint 'joint3'"),
         (chain(limit='<limit lower="nan" upper="3" velocity="2"/>'), {}, "no range of joint 'joi"),
         (chain(limit='<limit lower="-3" upper="inf" velocity="2"/>'), {}, "no range of joint 'joi"),

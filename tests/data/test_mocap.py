@@ -202,7 +202,7 @@ def test_what_is_no_take_or_no_frame_is_refused_with_what_is_wrong(tmp_path):
     times, points = cast()
     frame = MocapFrame.load(write_points(tmp_path / "points.csv"))
     take = write_vicon(tmp_path / "take.csv", times, points)
-    with pytest.raises(InputError, match="no points 'tip', of Cable:end, Cable:grip, Cable:ahead"):
+    with pytest.raises(InputError, match="no point 'tip', of Cable:end, Cable:grip, Cable:ahead"):
         Take.load(take, frame).point("tip")
     with pytest.raises(InputError, match="no take of Motive"):
         Take.load(tmp_path / "points.csv", frame)

@@ -402,3 +402,27 @@ def test_times_on_a_clock_of_their_own_are_refused_with_the_cast(clock, tmp_path
         ) as said:
             read_recordings(table, SETUP)
         assert "inf" not in str(said.value)
+
+
+@pytest.mark.parametrize(
+    ("columns", "scale", "words"),
+    [
+        (["time_s"], 1e3, "rows are 8 s apart in the median, above 2 s: is time_s in seconds"),
+        (
+            [f"q{joint}_rad" for joint in range(1, 7)],
+            180 / np.pi,
+            "rad = -?[0-9.]+, beyond 12.5664 rad: is it in degrees",
+        ),
+    ],
+)
+def test_a_table_in_other_units_is_refused_in_one_line_that_asks_for_them(
+    casts, tmp_path, columns, scale, words
+):
+    rows = [
+        {name: value * (scale if name in columns else 1) for name, value in row.items()}
+        for row in table_of(casts, "joints")
+    ]
+    said = []
+    with pytest.raises(InputError, match=rf"'take 0': .*{words}.*\(2 more casts cannot be used"):
+        read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP, said.append)
+    assert said == []

@@ -56,8 +56,8 @@ _UNSOUND_MAX = 0.2
 _STEP_MAX, _START_MAX = 10.0, 10.0
 # Rows of a cast are no farther apart in the median [s].
 _STEP_MEDIAN_MAX = 2.0
-# Units that are mistaken for those of our columns.
-_MISTAKEN = {"rad": "degrees", "m": "mm", "s": "ns"}
+# Units that are mistaken for those of our columns, and how many of them are one of ours.
+_MISTAKEN = {"rad": ("degrees", 57.3), "m": ("mm", 1e3), "s": ("ns", 1e9)}
 # Nothing turns a grip faster [rad/s], measured over a time [s], nor farther [rad].
 _YAW_RATE_MAX, _YAW_TIME, _YAW_MAX = 20.0, 0.1, 4.0 * np.pi
 _EMPTY = ("", "na", "n/a", "#n/a", "null", "none", "-")
@@ -158,9 +158,10 @@ def _sound(
             leaps = np.abs(values[known] - median_filter(values[known], 3))
             absurd[known] |= leaps > _SPIKE
         unit = name.rpartition("_")[2]
+        other, count = _MISTAKEN[unit]
         for row in np.flatnonzero(absurd):
-            beyond = abs(values[row]) > bound
-            hint = f", beyond {bound:g} {unit}: is it in {_MISTAKEN[unit]}?" if beyond else ""
+            is_other = bound < abs(values[row]) < count * bound
+            hint = f", beyond {bound:g} {unit}: is it in {other}?" if is_other else ""
             why[row] = why[row] or f"{name} = {values[row]:g}{hint}"
     left = np.array([not words for words in why])
     steps = np.diff(np.unique(times[left]))
