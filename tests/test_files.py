@@ -231,7 +231,7 @@ def test_a_table_that_is_no_utf8_or_has_a_cell_that_is_no_finite_number_is_named
         file.write_text(f"x,y\n1,2\n3,{cell}\n")
         with pytest.raises(InputError, match=f"y = '{cell}' in row 2 is no finite number"):
             read_numbers(file, ("x", "y"), 1)
-    with pytest.raises(InputError, match="has 2 rows, and needs at least 3"):
+    with pytest.raises(InputError, match="at least 3 rows of finite numbers, not 2"):
         read_numbers(file, ("x",), 3)
 
 

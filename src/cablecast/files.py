@@ -234,7 +234,9 @@ def read_numbers(
                     f"{path}: {name} = {row[name][:40]!r} in row {number} is no finite number"
                 )
     if len(values) < least:
-        raise InputError(f"{path} has {len(values)} rows, and needs at least {least}")
+        raise InputError(
+            f"{path} must hold at least {least} rows of finite numbers, not {len(values)}"
+        )
     return values
 
 
