@@ -5,7 +5,7 @@
 
 What was tried is kept in a file, so that the command goes on where it was stopped.
 
-Each session runs the real arm's code (`RigUR`) against a twin through its sockets. Its reset only
+Each session runs the real arm's code (`RigArm`) against a twin through its sockets. Its reset only
 lifts the cable and sets it down: with the paper's reset, which takes 17 s, the table would take
 hours. For the same reason the arm holds a stick, except where the cable fails. Where the camera
 fails, its stream is filmed and tracked as in any session; otherwise the twin reports the truth.
@@ -34,10 +34,10 @@ from cablecast.errors import CablecastError
 from cablecast.files import read_json, write_json
 from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import Trajectory
+from cablecast.rigs.arm import APPROACH_SPEED, TURN_SPEED, RigArm
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.ur.link import Phase, check_ready
-from cablecast.rigs.ur.program import check_path, joint_move
-from cablecast.rigs.ur.rig import APPROACH_SPEED, TURN_SPEED, RigUR
+from cablecast.rigs.driver import Phase
+from cablecast.rigs.path import check_path, joint_move
 from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, faults_of
 from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.setup import Setup, load_setup
@@ -98,7 +98,7 @@ class Outcome:
     is_spoilt: bool
 
 
-class RigQuick(RigUR):
+class RigQuick(RigArm):
     """The arm with a short reset: aside and up, and back.
 
     Args:
@@ -130,17 +130,16 @@ class RigQuick(RigUR):
         return track
 
     def _reset_once(self) -> None:
-        link = self._connected()
-        check_ready(link, self.robot)
-        self.camera.check(link.latest().time)
+        self.driver.ready()
+        self.camera.check(self.driver.latest().time)
         home = np.asarray(reset_pose(self.setup.workspace), dtype=float)
         aside = self.setup.arm.inverse(home + [0.15, 0.0, 0.2, 0.2, 0.0])
         for place in (aside, self.setup.arm.inverse(home)):
-            way = joint_move(self._at_rest(link), place, self._speed)
+            way = joint_move(self._at_rest(), place, self._speed)
             check_path(way, self.setup, "the way back")
             self._play("cablecast_approach", way, Phase.RESET)
-        self._wait(link, 0.2)
-        link.set_phase(Phase.IDLE)
+        self._wait(0.2)
+        self.driver.set_phase(Phase.IDLE)
 
 
 def part_of(fault: str) -> str:

@@ -1,8 +1,8 @@
 """The robot of a lab, whose box holds the reach of a UR5 in front of it."""
 
-from cablecast.arm.robot import RobotConfig
+from cablecast.rigs.ur.config import RobotUR
 
-ROBOT = RobotConfig(
+ROBOT = RobotUR(
     address="127.0.0.1",
     payload_mass=0.95,
     payload_cog=(0.0, 0.0, 0.06),

@@ -9,7 +9,7 @@ import pathlib
 import pytest
 from tools.film import main as make_films
 
-from cablecast.arm.robot import RobotConfig
+from cablecast.rigs.ur.config import RobotUR
 from cablecast.setup import Setup, load_setup
 from cablecast.tuning.tune import TuneConfig
 
@@ -111,7 +111,7 @@ def test_the_lab_file_for_a_real_arm_moves_nothing_before_it_was_checked():
     assert setup.robot is not None
     assert not setup.robot.seen_safe
     assert not setup.arm.measured
-    assert setup.robot.silence_max == RobotConfig.silence_max
+    assert setup.robot.silence_max == RobotUR.silence_max
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

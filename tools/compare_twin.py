@@ -26,8 +26,8 @@ from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import Trajectory
 from cablecast.pipeline.camera import sync_camera
 from cablecast.pipeline.tune import tune
+from cablecast.rigs.arm import RigArm
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.ur.rig import RigUR
 from cablecast.rigs.ur.twin.laboratory import TwinConfig
 from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
@@ -42,7 +42,7 @@ PATIENCE, RATE = 10.0, 4.0
 """Settings of the clock: as fast as this computer simulates, and waiting for the client."""
 
 
-class RigCompared(RigUR):
+class RigCompared(RigArm):
     """The real arm's code, which notes how far each landing is from the twin's truth.
 
     Args:
@@ -81,7 +81,7 @@ def casts_of_twin(setup: Setup, actions: np.ndarray, out: pathlib.Path, address:
         setup = dataclasses.replace(setup, camera=seen)
         out.parent.mkdir(parents=True, exist_ok=True)
         if not out.exists():
-            found = sync_camera(setup, lambda camera: RigUR(setup, camera))
+            found = sync_camera(setup, lambda camera: RigArm(setup, camera))
             print(
                 f"clocks: {1e3 * found.offset:.1f} ms apart, {1e3 * found.sd:.1f} ms uncertain, "
                 f"{100 * found.explained:.0f} % explained",

@@ -12,8 +12,9 @@ import numpy as np
 from cablecast.motion.action import Action
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, plan_trajectory
-from cablecast.rigs.ur.program import HOLD_TIME, JointCurve, check_path, motion_program
-from cablecast.rigs.ur.rig import REHEARSAL_SLOWNESS
+from cablecast.rigs.arm import REHEARSAL_SLOWNESS
+from cablecast.rigs.path import JointCurve, check_path
+from cablecast.rigs.ur.program import HOLD_TIME, motion_program
 from cablecast.rigs.ur.rtde import BEAT
 from cablecast.rigs.ur.twin.controller import Controller
 from cablecast.setup import Setup, load_setup

@@ -3,7 +3,7 @@
 import dataclasses
 import pathlib
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,8 @@ from cablecast.errors import InputError, check_keys, check_ranges
 from cablecast.files import read_numbers
 
 _SUPPORT_DEPTH = 0.466
+# Stands for _SUPPORT_DEPTH, or reset_y where that is less, until the workspace is made.
+_NOT_GIVEN = float("nan")
 
 R_MAX_BOUNDS = 0.2, 2.0
 """Bounds of the largest distance from the base to the gripper [m]."""
@@ -43,13 +45,12 @@ class Workspace:
     table_yaw_deg: float = 0.0
     table_near_y: float = 0.0
     r_max: float = 0.94
-    # The paper's 0.466 m, or reset_y where that is less, as soon as the workspace is made.
-    support_depth: float = cast(float, None)
+    support_depth: float = _NOT_GIVEN
     reset_y: float = 0.60
     grip_height: float = 0.02
 
     def __post_init__(self):
-        if self.support_depth is None:
+        if self.support_depth is _NOT_GIVEN:
             nearer = isinstance(self.reset_y, float | int) and self.reset_y < _SUPPORT_DEPTH
             object.__setattr__(self, "support_depth", self.reset_y if nearer else _SUPPORT_DEPTH)
         check_ranges(

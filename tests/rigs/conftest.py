@@ -146,11 +146,11 @@ def rig_kind(request, setup) -> RigKind:
     if request.param == "ur":
         from benchmarks.truth import TruthCamera
 
-        from cablecast.rigs.ur.rig import RigUR
+        from cablecast.rigs.arm import RigArm
 
         make_twin = request.getfixturevalue("make_twin")
         _, lab = make_twin(segment_count=12, rate=3.0)
-        return RigKind("ur", lambda: RigUR(lab, TruthCamera(lab)))
+        return RigKind("ur", lambda: RigArm(lab, TruthCamera(lab)))
     if "engine" in request.param:
         from cablecast.engines.warp_ import EngineWarp
 

@@ -7,8 +7,8 @@ and holds the cable with a gripper that points down.
 import abc
 import dataclasses
 import enum
-from collections.abc import Callable, Mapping
-from typing import Any, cast
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,40 @@ class LimitKind(enum.Enum):
     POSITION = "rad"
     VELOCITY = "rad/s"
     ACCELERATION = "rad/s²"
+
+
+JOINT_LIMIT_KINDS = (LimitKind.POSITION, LimitKind.VELOCITY, LimitKind.ACCELERATION)
+
+
+class LimitPeak(NamedTuple):
+    """Joint beyond one of its limits, at the step where it is farthest beyond.
+
+    `row` and `step` are indices of the motion and of its step, `value` has the sign of the motion.
+    """
+
+    kind: LimitKind
+    row: tuple[int, ...]
+    step: int
+    joint: int
+    value: float
+    bound: float
+
+
+def limit_violations(asked: Iterable[Array], bounds: Iterable[ArrayLike]) -> Iterator[LimitPeak]:
+    """Yield every joint that is beyond a limit: by kind, then by motion and joint.
+
+    Args:
+        asked: Angles from the middle of the range [rad], rates [rad/s] and accelerations [rad/s²],
+            or the first of these, shape [..., step, joint]. NaN is beyond no limit.
+        bounds: Largest absolute value of each kind, shape [joint] or [].
+    """
+    for kind, values, bound in zip(JOINT_LIMIT_KINDS, asked, bounds, strict=False):
+        over = np.abs(values) - bound
+        for *row, joint in np.argwhere(np.max(over, axis=-2, initial=-np.inf) > 0.0).tolist():
+            step = int(np.argmax(over[(*row, slice(None), joint)]))
+            value = float(values[(*row, step, joint)])
+            limit = float(np.broadcast_to(bound, values.shape[-1:])[joint])
+            yield LimitPeak(kind, tuple(row), step, joint, value, limit)
 
 
 _LIMIT_BOUNDS = {
@@ -161,8 +195,8 @@ class Arm(abc.ABC):
     gripper_length: float = 0.17
     grip_offset: float = 0.022
     measured: bool = False
-    # Those of the model as soon as the arm is made.
-    limits: JointLimits = cast(JointLimits, None)  # noqa: RUF009
+    # None of a joint: those of the model, as soon as the arm is made.
+    limits: JointLimits = JointLimits(position=(), velocity=(), acceleration=())
 
     def __post_init__(self):
         check_ranges(

@@ -1,19 +1,22 @@
-"""RobotConfig: where the real arm is, what it carries, and within which bounds it may move."""
+"""RobotConfig: the bounds of the real arm's motion, and the driver that moves it."""
 
 import dataclasses
-import ipaddress
+import importlib
 import json
-import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
+from cablecast.errors import InputError, check_keys, check_number, check_ranges
 
 Point = tuple[float, float, float]
 
-_HOST_NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,250}[A-Za-z0-9])?")
+DRIVERS = {
+    "ur": ("cablecast.rigs.ur.config:RobotUR", "cablecast.rigs.ur.driver:DriverUR"),
+}
+"""Drivers of arms by name: the class of its section of a lab file, and that of the driver."""
+
 _OBSTACLE_COUNT_MAX = 20
 
 
@@ -33,20 +36,18 @@ class Obstacle:
 
     def __post_init__(self):
         for name in ("start", "end"):
-            object.__setattr__(self, name, _point(f"obstacle {name}", getattr(self, name)))
+            object.__setattr__(self, name, point(f"obstacle {name}", getattr(self, name)))
         check_ranges(self, {"radius": (0.001, 2.0, "m")}, "obstacle")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotConfig:
-    """The controller of a UR arm, and the bounds that the lab file sets to its motion.
+    """Bounds that the lab file sets to the motion of a robot; drivers add settings of their own.
 
-    Address, payload and box have no defaults: nobody but the person at the robot knows them.
+    The box has no default: nobody but the person at the robot knows it.
 
     Attributes:
-        address: Name or address of the controller.
-        payload_mass: Mass of gripper and cable, as it is set on the controller [kg].
-        payload_cog: Centre of that mass in the flange frame, as set on the controller [m].
+        driver: Name of the driver in `DRIVERS`.
         box_low: Corner of the box that the gripped end and the flange must stay in, in the base
             frame: smallest x, y, z [m].
         box_high: Opposite corner: largest x, y, z [m].
@@ -56,22 +57,10 @@ class RobotConfig:
         position_margin: Distance that every joint keeps from its limit of position [rad].
         seen_safe: Whether the person has seen casts of this lab file and found them safe. Until
             then the first casts of a session are rehearsed at a quarter of their speed.
-        lookahead: Lookahead time of servoj [s].
-        gain: Gain of servoj [-].
-        watchdog: Longest silence of this computer before the controller stops the arm [s]. Braking
-            takes another 0.2 s at most.
-        silence_max: Longest time without a report of the controller before the connection counts
-            as lost [s]. A twin that draws for its camera may need longer.
-        lag_max: Largest distance of a joint from its set point, before the cast is aborted [rad].
         settle_time: Time from the end of a cast to the end of its trial [s].
-        input_register: First of three integer registers of the controller that this computer
-            writes, 0 to 45. Fieldbuses own those below 24.
-        output_register: First of three integer registers that our programs write, likewise.
     """
 
-    address: str
-    payload_mass: float
-    payload_cog: Point
+    driver: ClassVar[str]
     box_low: Point
     box_high: Point
     tool_radius: float = 0.04
@@ -79,40 +68,21 @@ class RobotConfig:
     clearance: float = 0.01
     position_margin: float = 0.05
     seen_safe: bool = False
-    lookahead: float = 0.03
-    gain: float = 1000.0
-    watchdog: float = 0.2
-    silence_max: float = 1.0
-    lag_max: float = 0.6
     settle_time: float = 2.5
-    input_register: int = 24
-    output_register: int = 36
 
     def __post_init__(self):
-        if not isinstance(self.address, str) or not _HOST_NAME.fullmatch(self.address):
-            raise InputError(
-                f"robot address = {str(self.address)[:60]!r} is neither a host name nor an address"
-            )
-        for name in ("payload_cog", "box_low", "box_high"):
-            object.__setattr__(self, name, _point(f"robot {name}", getattr(self, name)))
+        for name in ("box_low", "box_high"):
+            object.__setattr__(self, name, point(f"robot {name}", getattr(self, name)))
         check_ranges(
             self,
             {
-                "payload_mass": (0.0, 20.0, "kg"),
                 "tool_radius": (0.005, 0.3, "m"),
                 "clearance": (0.0, 0.5, "m"),
                 "position_margin": (0.0, 1.0, "rad"),
-                "lookahead": (0.03, 0.2, "s"),
-                "gain": (100.0, 2000.0, ""),
-                "watchdog": (0.04, 1.0, "s"),
-                "silence_max": (0.1, 120.0, "s"),
-                "lag_max": (0.01, 2.0, "rad"),
                 "settle_time": (0.1, 60.0, "s"),
             },
             "robot",
         )
-        check_count("robot input_register", self.input_register, 0, 45)
-        check_count("robot output_register", self.output_register, 0, 45)
         if np.any(np.asarray(self.box_low) >= np.asarray(self.box_high)):
             raise InputError(
                 f"robot box_low = {list(self.box_low)} must be below box_high = "
@@ -125,21 +95,13 @@ class RobotConfig:
         ):
             raise InputError(f"robot obstacles must be at most {_OBSTACLE_COUNT_MAX} capsules")
 
-    @property
-    def is_loopback(self) -> bool:
-        """True where the controller runs on this computer: it is a twin, and no arm."""
-        try:
-            return ipaddress.ip_address(self.address).is_loopback
-        except ValueError:
-            return self.address == "localhost"
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for a lab file."""
-        return json.loads(json.dumps(dataclasses.asdict(self)))
+        return {"driver": self.driver, **json.loads(json.dumps(dataclasses.asdict(self)))}
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "RobotConfig":
-        """Make the settings from plain values."""
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Make the settings from plain values, without the name of the driver."""
         fields = dataclasses.fields(cls)
         required = {f.name for f in fields if f.default is dataclasses.MISSING}
         values = check_keys(values, {f.name for f in fields}, "robot", required=required)
@@ -154,7 +116,26 @@ class RobotConfig:
         return cls(**values)
 
 
-def _point(name: str, values: Any) -> Point:
+def robot_from_dict(values: Any) -> RobotConfig:
+    """Return the robot section of a lab file, as its driver reads it; the default is ur.
+
+    Raises:
+        InputError: There is no such driver, a key is unknown, or a value out of bounds.
+    """
+    own = dict(values) if isinstance(values, Mapping) else {}
+    name = own.pop("driver", "ur")
+    if not isinstance(name, str) or name not in DRIVERS:
+        raise InputError(f"unknown robot driver {str(name)[:40]!r}: one of {', '.join(DRIVERS)}")
+    return driver_part(name, 0).from_dict(own if isinstance(values, Mapping) else values)
+
+
+def driver_part(name: str, part: int) -> Any:
+    """Return the class of a driver's settings (part 0), or the driver's own (part 1)."""
+    module, _, attribute = DRIVERS[name][part].partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def point(name: str, values: Any) -> Point:
     """Return three coordinates within 10 m."""
     if not isinstance(values, (list, tuple)) or len(values) != 3:
         raise InputError(f"{name} = {str(values)[:60]} must be three numbers: x, y, z")

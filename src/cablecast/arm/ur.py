@@ -176,7 +176,7 @@ class ArmUR(Arm):
             raise UnknownNameError(
                 f"unknown arm model {str(self.model)[:40]!r}: one of {', '.join(ARM_MODELS)}"
             )
-        if self.limits is None:
+        if self.limits == Arm.limits:
             object.__setattr__(self, "limits", ur_limits(self.model))
         super().__post_init__()
 

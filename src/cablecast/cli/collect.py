@@ -53,7 +53,7 @@ class Collect:
     psi: WithPsi = True
     time_limit: TimeLimit = 120.0
     dry_run: bool = False
-    """With --rig ur, check every path and ask the controller if it is ready, and move nothing."""
+    """With an arm, check every path and ask its controller if it is ready, and move nothing."""
 
     def run(self) -> int | None:
         """Collect, and print the number of casts."""
@@ -85,12 +85,14 @@ class Collect:
 
     def _dry_run(self, setup: "Setup", options: dict[str, Any]) -> int:
         """Print what would be done, and return 2 if something would not go."""
+        from cablecast.arm.robot import DRIVERS
         from cablecast.errors import InputError
         from cablecast.pipeline.dry_run import dry_run
 
-        if self.rig != "ur":
-            raise InputError(f"--dry-run is for --rig ur, not for {self.rig[:60]}")
-        findings = dry_run(setup, **options, psi=self.psi)
+        if self.rig not in DRIVERS:
+            arms = " or ".join(DRIVERS)
+            raise InputError(f"--dry-run is for --rig {arms}, not for {self.rig[:60]}")
+        findings = dry_run(setup, self.rig, **options, psi=self.psi)
         for finding in findings:
             mark = "ok  " if finding.problem is None else "NOT "
             print(f"{mark}{finding.what}: {finding.problem or finding.detail}")

@@ -130,7 +130,7 @@ RigName = Annotated[
     argument(
         "RIG",
         text="Rig that makes the casts: virtual (a laboratory in software; virtual:2 is "
-        "another), engine or engine:NAME (a simulator), ur (an arm), "
+        "another), engine or engine:NAME (a simulator), ur (an arm) or the name of another driver, "
         "or your own robot as package.module:factory.",
     ),
 ]
@@ -242,6 +242,7 @@ def open_rig(
 
     The lock comes first: two processes must not drive one robot for the same results.
     """
+    from cablecast.arm.robot import DRIVERS
     from cablecast.rigs.make import make_rig
     from cablecast.runs.folder import hold_folder
 
@@ -252,8 +253,8 @@ def open_rig(
         hold_folder(out, InputError),
         make_rig(spec, setup, seed, time_limit=time_limit) as rig,
     ):
-        if spec == "ur" and setup.robot is not None and not setup.robot.seen_safe:
-            from cablecast.rigs.ur.rig import REHEARSAL_COUNT, REHEARSAL_SLOWNESS
+        if spec in DRIVERS and setup.robot is not None and not setup.robot.seen_safe:
+            from cablecast.rigs.arm import REHEARSAL_COUNT, REHEARSAL_SLOWNESS
 
             print(
                 f"The first {REHEARSAL_COUNT} casts are rehearsed, {REHEARSAL_SLOWNESS} times as "

@@ -629,20 +629,25 @@ class PaperPolicy(ForwardSearchPolicy):
         return chosen, self.actions[chosen], self.predicted_xy[chosen]
 
 
+# Stands for settings for the arm's reach until the policy is made.
+_OF_THE_REACH = PolarCastConfig()
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PolarCastingPolicy:
     """Policy that plans by geometry alone: nothing is learned or simulated.
 
     Attributes:
         setup: Cable, table and arm.
-        cast: Settings of the lift, the swing and the pull; those for the arm's reach where None.
+        cast: Settings of the lift, the swing and the pull; by default those for the arm's
+            reach.
     """
 
     setup: Setup
-    cast: PolarCastConfig = None  # pyright: ignore[reportAssignmentType]
+    cast: PolarCastConfig = _OF_THE_REACH
 
     def __post_init__(self):
-        if self.cast is None:
+        if self.cast is _OF_THE_REACH:
             object.__setattr__(self, "cast", PolarCastConfig.of(self.setup.workspace))
 
     @property

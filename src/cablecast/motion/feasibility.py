@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.base import Arm, JointMotion, LimitKind
+from cablecast.arm.base import Arm, JointMotion, LimitKind, limit_violations
 from cablecast.conventions import stream
 from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import (
@@ -24,8 +24,6 @@ from cablecast.motion.action import (
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import DEGREE, GripPath
 from cablecast.setup import Setup
-
-JOINT_LIMIT_KINDS = (LimitKind.POSITION, LimitKind.VELOCITY, LimitKind.ACCELERATION)
 
 LIMIT_SHARE = 0.98
 """Share of each limit that a motion may use [-]. Peaks are taken from samples; a peak between two
@@ -120,16 +118,16 @@ class Feasibility:
                 unit=LimitKind.REACH.value,
             )
             found[row].append(violation)
-        for row, index, joint in np.argwhere(self.peaks > self.bounds):
-            kind = JOINT_LIMIT_KINDS[index]
+        peaks = np.moveaxis(self.peaks[:, :, None], 1, 0)
+        for peak in limit_violations(peaks, self.bounds):
             violation = LimitViolation(
-                what=f"{self.joint_names[joint]} {kind.name.lower()}",
-                value=float(self.peaks[row, index, joint]),
-                bound=float(self.bounds[index, joint]),
-                unit=kind.value,
+                what=f"{self.joint_names[peak.joint]} {peak.kind.name.lower()}",
+                value=peak.value,
+                bound=peak.bound,
+                unit=peak.kind.value,
                 note=f", {100 * LIMIT_SHARE:g} % of the joint's limit",
             )
-            found[row].append(violation)
+            found[peak.row[0]].append(violation)
         return {row: tuple(violations) for row, violations in found.items()}
 
     def describe(self, row: int) -> str:

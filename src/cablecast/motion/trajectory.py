@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.arm.base import limit_violations
 from cablecast.errors import IKError, InputError, JointLimitError
 from cablecast.motion.action import Action
 from cablecast.motion.casting import cast_grip_paths
-from cablecast.motion.feasibility import JOINT_LIMIT_KINDS, check_grip_paths
+from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
 
@@ -139,12 +140,9 @@ def _check_set_points(path: JointPath, setup: Setup, what: str) -> None:
         np.diff(path.q, axis=0) / steps,
         np.diff(path.qd, axis=0) / steps,
     )
-    bounds = arm.limits.to_array()
-    for kind, values, bound in zip(JOINT_LIMIT_KINDS, asked, bounds, strict=True):
-        peaks = np.max(np.abs(values), axis=0, initial=0.0)
-        for joint in np.flatnonzero(peaks > bound):
-            raise JointLimitError(
-                f"the arm cannot follow {what}: its set points ask for {arm.joint_names[joint]} "
-                f"{kind.name.lower()} {peaks[joint]:.4g} {kind.value}, above {bound[joint]:.4g} "
-                f"{kind.value}"
-            )
+    if peak := next(limit_violations(asked, arm.limits.to_array()), None):
+        raise JointLimitError(
+            f"the arm cannot follow {what}: its set points ask for {arm.joint_names[peak.joint]} "
+            f"{peak.kind.name.lower()} {abs(peak.value):.4g} {peak.kind.value}, above "
+            f"{peak.bound:.4g} {peak.kind.value}"
+        )

@@ -1,12 +1,10 @@
 """Dry run of a collection on a real arm: everything is checked and shown, and nothing moves."""
 
 import contextlib
-import time
 from typing import NamedTuple
 
 import numpy as np
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.data.record import Purpose
 from cablecast.errors import CablecastError
 from cablecast.motion.action import Action
@@ -14,13 +12,11 @@ from cablecast.motion.feasibility import feasible_ranges
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.collect import SAMPLINGS, AnySampling, choose_actions
-from cablecast.rigs.ur.link import BY_HAND, UrLink, check_ready
-from cablecast.rigs.ur.program import JointCurve, check_path
-from cablecast.rigs.ur.rig import RESET_DT, check_lab, reset_motions
+from cablecast.rigs.arm import RESET_DT, reset_motions
+from cablecast.rigs.driver import ArmDriver, make_driver
+from cablecast.rigs.path import JointCurve, check_path
 from cablecast.setup import Setup
 from cablecast.vision.trials import CameraOfTrials
-
-_SLOW_ANSWER = 1.0
 
 
 class Finding(NamedTuple):
@@ -33,6 +29,7 @@ class Finding(NamedTuple):
 
 def dry_run(
     setup: Setup,
+    driver: str | None = None,
     *,
     purpose: Purpose = "tune",
     count: int | None = None,
@@ -42,13 +39,15 @@ def dry_run(
 ) -> list[Finding]:
     """Check what a collection on the arm of a lab file would do, with the options of `collect`.
 
+    `driver` names the driver that the robot must be of; any where None.
+
     The paths are checked first. Only if all of them pass, the controller is asked whether it is
     ready and where the arm stands, and the camera whether it sees; nothing moves.
 
     Raises:
-        InputError: There is no robot, or its arm was not measured.
+        InputError: There is no robot, or one that may not be driven; see `make_driver`.
     """
-    robot = check_lab(setup)
+    arm = make_driver(setup, driver)
     slow = setup.with_motion(control_dt=RESET_DT)
     reset = plan_reset(reset_pose(setup.workspace), slow)
     findings = [_check_motion("reset", reset, slow)]
@@ -65,7 +64,7 @@ def dry_run(
         findings.append(_check_motion(f"cast {number}", plan_trajectory(action, setup), setup))
     if any(finding.problem for finding in findings):
         return [*findings, Finding("controller", "was not asked, because of the paths above")]
-    return [*findings, *_check_controller(setup, robot), _check_camera(setup)]
+    return [*findings, *_check_controller(setup, arm), _check_camera(setup)]
 
 
 def _check_motion(what: str, trajectory: Trajectory, setup: Setup) -> Finding:
@@ -85,26 +84,17 @@ def _check_motion(what: str, trajectory: Trajectory, setup: Setup) -> Finding:
     return Finding(what, None, detail)
 
 
-def _check_controller(setup: Setup, robot: RobotConfig) -> list[Finding]:
+def _check_controller(setup: Setup, driver: ArmDriver) -> list[Finding]:
     """Check that the controller is ready, and the way back from where the arm stands."""
     try:
-        with contextlib.closing(UrLink(robot)) as link:
-            start = time.monotonic()
-            report = check_ready(link, robot)
-            asked = time.monotonic() - start
+        with contextlib.closing(driver):
+            words, q = driver.ready(), driver.latest().q
     except CablecastError as error:
         return [Finding("controller", str(error))]
-    height = float(setup.arm.grip_pose(report.q)[2])
-    version = ".".join(map(str, link.version))
-    payload = "not reported" if report.payload is None else f"{report.payload:.2f} kg"
-    detail = f"{version} ready at {robot.address}, payload {payload}, grip {height:.2f} m high"
-    if asked > _SLOW_ANSWER:
-        detail += f"; its dashboard took {asked:.1f} s to answer, which delays every cast"
-    if not link.has_dashboard:
-        detail += f"; {BY_HAND}"
-    found = Finding("controller", None, detail)
+    height = float(setup.arm.grip_pose(q)[2])
+    found = Finding("controller", None, f"grip {height:.2f} m high, {words}")
     try:
-        way, reset = reset_motions(report.q, setup)
+        way, reset = reset_motions(q, setup)
     except CablecastError as error:
         return [found, Finding("first reset", str(error))]
     detail = f"{way.duration:.1f} s from where the arm stands to its start, {reset.duration:.1f} s"

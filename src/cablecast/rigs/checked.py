@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.base import Arm
+from cablecast.arm.base import Arm, limit_violations
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.errors import (
@@ -521,12 +521,10 @@ def _check_joints(joints: JointPath, trajectory: Trajectory, end: float, arm: Ar
         raise RigError("the rig reports a joint angle that is not finite")
     if not np.all(np.isfinite(joints.qd)):
         raise RigError("the rig reports a joint rate that is not finite")
-    joint = int(np.argmax(np.max(np.abs(q), axis=0)))
-    largest = float(np.max(np.abs(q[:, joint])))
-    if largest > JOINT_ANGLE_MAX:
+    if peak := next(limit_violations([q], [JOINT_ANGLE_MAX]), None):
         raise RigError(
-            f"the rig reports the {arm.joint_names[joint]} joint at {largest:.4g} rad: at most "
-            f"{JOINT_ANGLE_MAX:.4g} rad; it looks like degrees"
+            f"the rig reports the {arm.joint_names[peak.joint]} joint at {abs(peak.value):.4g} "
+            f"rad: at most {JOINT_ANGLE_MAX:.4g} rad; it looks like degrees"
         )
     command = trajectory.joint_path
     if command is None:

@@ -9,12 +9,13 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from cablecast.arm.robot import DRIVERS
 from cablecast.errors import RigError, check_seed
 from cablecast.rigs.base import Rig, foreign_code
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts, takes
 from cablecast.setup import Setup
 
-RIG_NAMES = ("virtual", "virtual:LAB", "engine", "engine:NAME", "ur")
+RIG_NAMES = ("virtual", "virtual:LAB", "engine", "engine:NAME", *DRIVERS)
 """Rigs that come with cablecast; any other is given as package.module:factory."""
 
 _LABORATORY = re.compile(r"virtual(?::(\d{1,9}))?")
@@ -34,9 +35,9 @@ def make_rig(
 
     Args:
         spec: "virtual" or "virtual:2", which is laboratory 2 ("virtual" is laboratory 0), "engine"
-            or "engine:pybullet" for a simulator of `make_engine`, "ur", "package.module:factory", a
-            function factory(setup, seed) that returns a rig, or a rig. The module may lie in the
-            working directory.
+            or "engine:pybullet" for a simulator of `make_engine`, an arm such as "ur",
+            "package.module:factory", a function factory(setup, seed) that returns a rig, or a rig.
+            The module may lie in the working directory.
         setup: Cable, workspace, arm and motion settings.
         seed: Seed of what the rig draws by chance.
         time_limit: Longest time of one reset or one trial [s]; None for no limit.
@@ -68,10 +69,10 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
         from cablecast.rigs.engine import RigEngine
 
         return RigEngine(make_engine(spec.partition(":")[2] or "warp"), setup)
-    if spec == "ur":
-        from cablecast.rigs.ur.rig import make_ur_rig
+    if isinstance(spec, str) and spec in DRIVERS:
+        from cablecast.rigs.arm import make_arm_rig
 
-        return make_ur_rig(setup)
+        return make_arm_rig(setup, spec)
     if isinstance(spec, str):
         module_name, colon, factory_name = spec.partition(":")
         if not (colon and module_name and factory_name) or module_name == "virtual":

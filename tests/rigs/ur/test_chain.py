@@ -12,7 +12,7 @@ from tests.rigs.ur.conftest import UR10E
 from cablecast.cli.main import main
 from cablecast.data.dataset import read_dataset
 from cablecast.data.store import CastStore
-from cablecast.rigs.ur.rig import REPORT_GAP_MAX
+from cablecast.rigs.arm import REPORT_GAP_MAX
 from cablecast.setup import save_setup
 
 pytest.importorskip("cv2")

@@ -17,13 +17,8 @@ from cablecast.motion.action import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, plan_trajectory
-from cablecast.rigs.ur.program import (
-    PROGRAM_SIZE_MAX,
-    JointCurve,
-    check_path,
-    joint_move,
-    motion_program,
-)
+from cablecast.rigs.path import JointCurve, check_path, joint_move
+from cablecast.rigs.ur.program import PROGRAM_SIZE_MAX, motion_program
 from cablecast.rigs.ur.rtde import BEAT
 from cablecast.rigs.ur.twin.controller import TwinLimits
 from cablecast.rigs.ur.twin.urscript import Program

@@ -11,9 +11,11 @@ import pytest
 
 from cablecast.errors import RigError, StoppedError
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.ur.link import Phase, UrLink, check_ready
-from cablecast.rigs.ur.player import CastAbortedError, Player
-from cablecast.rigs.ur.program import joint_move, motion_program
+from cablecast.rigs.driver import CastAbortedError, Phase
+from cablecast.rigs.path import joint_move
+from cablecast.rigs.ur.link import UrLink, check_ready
+from cablecast.rigs.ur.player import Player
+from cablecast.rigs.ur.program import motion_program
 from cablecast.setup import save_setup
 
 # The arm must rest this soon after whatever stops it, by the twin's clock [s].
@@ -212,7 +214,7 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
             import os, sys, threading, time
             import numpy as np
             from cablecast.rigs.ur.link import UrLink
-            from cablecast.rigs.ur.program import joint_move
+            from cablecast.rigs.path import joint_move
             from cablecast.rigs.ur.player import Player
             from cablecast.setup import load_setup
 

@@ -8,7 +8,7 @@ import pytest
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import JointLimitError, RigError
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.ur.rig import APPROACH_SPEED, reset_motions
+from cablecast.rigs.arm import APPROACH_SPEED, reset_motions
 from cablecast.setup import Setup
 
 

@@ -20,27 +20,26 @@ from cablecast.errors import InputError, RigError
 from cablecast.motion.action import Action
 from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import plan_trajectory
+from cablecast.rigs.arm import APPROACH_SPEED, RigArm, check_reports, curve_of
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.ur.link import Phase, Report, check_ready
-from cablecast.rigs.ur.player import CastAbortedError, MotionRecord
-from cablecast.rigs.ur.program import JointCurve, check_path, joint_move
-from cablecast.rigs.ur.rig import APPROACH_SPEED, RigUR, check_reports, curve_of
+from cablecast.rigs.driver import CastAbortedError, MotionRecord, Phase
+from cablecast.rigs.path import JointCurve, check_path, joint_move
+from cablecast.rigs.ur.link import Report
 
 # As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
 RATE = 6.0
 
 
-class RigQuick(RigUR):
+class RigQuick(RigArm):
     """The arm with a reset that only brings it back: the paper's takes 17 s."""
 
     def _reset_once(self):
-        link = self._connected()
-        check_ready(link, self.robot)
+        self.driver.ready()
         home = self.setup.arm.inverse(np.asarray(reset_pose(self.setup.workspace), dtype=float))
-        way = joint_move(self._at_rest(link), home, APPROACH_SPEED)
+        way = joint_move(self._at_rest(), home, APPROACH_SPEED)
         check_path(way, self.setup, "the way back")
         self._play("cablecast_approach", way, Phase.RESET)
-        self._wait(link, 0.2)
+        self._wait(0.2)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +51,7 @@ def stick(make_twin):
 @pytest.fixture
 def busy_computer(monkeypatch):
     """Let a cast count of which this computer, busy with other tests, misses reports."""
-    monkeypatch.setattr("cablecast.rigs.ur.rig.REPORT_GAP_MAX", 60.0)
+    monkeypatch.setattr("cablecast.rigs.arm.REPORT_GAP_MAX", 60.0)
 
 
 def quick_rig(stick, **changes):
@@ -68,6 +67,8 @@ def programs(process):
 
 class MovingLink:
     """A connection to an arm that a person's program moves after a cast."""
+
+    is_alive = True
 
     def __init__(self, q, *, moves):
         self.q, self.moves, self.reports = q, moves, []
@@ -98,12 +99,12 @@ def test_a_cast_after_which_the_arm_is_moved_is_no_data(stick, moves):
     )
     rig, q = RigQuick(setup, TruthCamera(setup)), np.zeros(6)
     curve = joint_move(q, q + 0.01, 0.6)
-    link = MovingLink(curve.q[-1], moves=moves)
+    rig.driver._link = MovingLink(curve.q[-1], moves=moves)
     if moves:
         with pytest.raises(CastAbortedError, match="while the cable came to rest"):
-            rig._settle(link, MotionRecord(0.0, []), curve)
+            rig._settle(MotionRecord(0.0, []), curve)
     else:
-        assert rig._settle(link, MotionRecord(0.0, []), curve)[0].start_time == 0.0
+        assert rig._settle(MotionRecord(0.0, []), curve)[0].start_time == 0.0
 
 
 @pytest.mark.usefixtures("busy_computer")
@@ -174,7 +175,7 @@ def test_a_cast_of_which_reports_were_lost_is_aborted(lost):
     times = 50.0 + np.arange(-20, 160) * 0.008
 
     def reports(times):
-        rest = (still, still, still, 1.0, 1, 7, True, 0.0, None, 2, 1, 1)
+        rest = (still, still, still, 1.0, 1, True, 7, 0.0, None, 2, 1, 1)
         return [Report(t, t, *rest) for t in times]
 
     check_reports(MotionRecord(50.0, reports(times)), points)
@@ -243,12 +244,12 @@ def twin(make_twin):
 def rig(twin):
     process, setup = twin
     process.admin.clear()
-    with CheckedRig(RigUR(setup, TruthCamera(setup)), setup, time_limit=600.0) as rig:
+    with CheckedRig(RigArm(setup, TruthCamera(setup)), setup, time_limit=600.0) as rig:
         yield rig
 
 
 def test_a_reset_that_leaves_the_cable_aside_is_given_up_after_three(twin, rig, monkeypatch):
-    monkeypatch.setattr("cablecast.rigs.ur.rig.RESET_COUNT", 1)
+    monkeypatch.setattr("cablecast.rigs.arm.RESET_COUNT", 1)
     twin[0].admin.fault("crooked_reset")
     with pytest.raises(RigError, match="does not lie straight after 1 resets"):
         rig.reset()
@@ -274,13 +275,13 @@ def test_a_rig_without_robot_or_with_an_arm_that_nobody_measured_is_refused(twin
     setup = twin[1]
     camera = TruthCamera(setup)
     with pytest.raises(InputError, match="no robot section"):
-        RigUR(dataclasses.replace(setup, robot=None), camera)
+        RigArm(dataclasses.replace(setup, robot=None), camera)
     arm = dataclasses.replace(setup.arm, measured=False)
     with pytest.raises(InputError, match="is not measured"):
-        RigUR(dataclasses.replace(setup, arm=arm), camera)
+        RigArm(dataclasses.replace(setup, arm=arm), camera)
     robot = dataclasses.replace(setup.robot, address="192.0.2.1", silence_max=60.0)
     with pytest.raises(InputError, match=r"silence_max = 60 s is for a twin"):
-        RigUR(dataclasses.replace(setup, robot=robot), camera)
+        RigArm(dataclasses.replace(setup, robot=robot), camera)
 
 
 def test_a_motion_without_joints_is_refused(twin, wild):

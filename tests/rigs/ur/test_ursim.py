@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from tests.robot import ROBOT
 
+from cablecast.rigs.driver import CastAbortedError
+from cablecast.rigs.path import JointCurve, joint_move
 from cablecast.rigs.ur.link import UrLink, check_ready
-from cablecast.rigs.ur.player import CastAbortedError, Player
-from cablecast.rigs.ur.program import PROGRAM_SIZE_MAX, JointCurve, joint_move, motion_program
+from cablecast.rigs.ur.player import Player
+from cablecast.rigs.ur.program import PROGRAM_SIZE_MAX, motion_program
 
 pytestmark = [
     pytest.mark.ursim,

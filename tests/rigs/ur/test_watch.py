@@ -9,9 +9,11 @@ import pytest
 from tests.robot import ROBOT
 
 from cablecast.errors import RigError, StoppedError
+from cablecast.rigs.driver import CastAbortedError
+from cablecast.rigs.path import JointCurve
 from cablecast.rigs.ur.link import Report, check_arm, check_ready
-from cablecast.rigs.ur.player import CastAbortedError, Player
-from cablecast.rigs.ur.program import JointCurve, ProgramState, motion_program
+from cablecast.rigs.ur.player import Player
+from cablecast.rigs.ur.program import ProgramState, motion_program
 from cablecast.rigs.ur.rtde import NUMBER
 
 DT = 0.008

@@ -3,7 +3,6 @@
 import collections
 import contextlib
 import dataclasses
-import enum
 import json
 import queue
 import socket
@@ -17,9 +16,10 @@ from typing import Any, TextIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.errors import RigError
+from cablecast.rigs.driver import ArmReport, Phase
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
+from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.rtde import (
     CB3,
     CB3_MODELS,
@@ -48,19 +48,11 @@ _BEATS_PER_WATCHDOG = 10
 
 
 @dataclasses.dataclass(frozen=True)
-class Report:
-    """One report of the controller.
+class Report(ArmReport):
+    """One report of a UR controller, whose speed scaling includes the slider's.
 
     Attributes:
-        time: Controller's clock [s].
-        host_time: `time.monotonic` of this computer when it was read [s].
-        q: Measured joint angles [rad].
-        qd: Measured joint rates [rad/s].
-        target_q: Set points that the controller follows [rad].
-        speed_scaling: Speed scaling, the slider's included [-].
-        safety_bits: Safety status bits of RTDE.
         robot_mode: Robot mode of RTDE; 7 is running.
-        is_playing: True while a program runs.
         payload: Payload that is set [kg]; None where the controller does not report it.
         payload_cog: Centre of that payload in the flange frame [m], shape [3]; None where the
             controller does not report it.
@@ -69,15 +61,7 @@ class Report:
         number: Number of the program.
     """
 
-    time: float
-    host_time: float
-    q: NDArray[np.float64]
-    qd: NDArray[np.float64]
-    target_q: NDArray[np.float64]
-    speed_scaling: float
-    safety_bits: int
     robot_mode: int
-    is_playing: bool
     payload: float | None
     payload_cog: NDArray[np.float64] | None
     state: int
@@ -85,8 +69,7 @@ class Report:
     number: int
 
     def __post_init__(self):
-        for name in ("q", "qd", "target_q"):
-            object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
+        super().__post_init__()
         if self.payload_cog is not None:
             object.__setattr__(self, "payload_cog", np.array(self.payload_cog, dtype=float))
 
@@ -96,16 +79,6 @@ BY_HAND = (
     "PolyScope X has no dashboard: see to it on the pendant that remote control is on and no other "
     "program runs, and enable the robot there after a stop"
 )
-
-
-class Phase(enum.IntEnum):
-    """What the rig is doing, for a person who looks at the controller, and for the twin."""
-
-    IDLE = 0
-    RESET = 1
-    CAST = 2
-    SETTLE = 3
-    READOUT = 4
 
 
 class UrLink:
@@ -121,7 +94,7 @@ class UrLink:
         RigError: The controller does not answer, or its generation is unknown.
     """
 
-    def __init__(self, robot: RobotConfig):
+    def __init__(self, robot: RobotUR):
         self.robot = robot
         self.reports: collections.deque[Report] = collections.deque(maxlen=_REPORT_COUNT_MAX)
         self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
@@ -457,7 +430,7 @@ def check_arm(version: Version, model: str) -> None:
         )
 
 
-def check_ready(link: UrLink, robot: RobotConfig) -> Report:
+def check_ready(link: UrLink, robot: RobotUR) -> Report:
     """Refuse to move unless the controller is ready for it, and return its newest report.
 
     Raises:
@@ -479,7 +452,7 @@ def check_ready(link: UrLink, robot: RobotConfig) -> Report:
     return report
 
 
-def check_report(report: Report, robot: RobotConfig) -> None:
+def check_report(report: Report, robot: RobotUR) -> None:
     """Refuse a report of an arm that is not as the lab file says.
 
     Raises:

@@ -1,19 +1,19 @@
 """Plays one motion on the controller, watches it, and stops the arm whatever happens."""
 
 import contextlib
-import dataclasses
 import itertools
 import time
 
 import numpy as np
 
-from cablecast.arm.robot import RobotConfig
 from cablecast.errors import CablecastError, RigError, StoppedError
+from cablecast.rigs.driver import CastAbortedError, MotionRecord
+from cablecast.rigs.path import JointCurve
+from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.link import SPEED_TOLERANCE, Report, UrLink, check_safe
 from cablecast.rigs.ur.program import (
     TICK_DT,
     UNDER_WAY,
-    JointCurve,
     ProgramState,
     hold_time,
     motion_program,
@@ -32,23 +32,6 @@ _POLL = 0.002
 _START_TOLERANCE = 1e-3
 
 
-class CastAbortedError(RigError):
-    """A motion that was not carried out as it was meant: it must not become data."""
-
-
-@dataclasses.dataclass(frozen=True)
-class MotionRecord:
-    """A motion that was carried out.
-
-    Attributes:
-        start_time: Start of the motion by the controller's clock [s].
-        reports: All reports from its start to its end.
-    """
-
-    start_time: float
-    reports: list[Report]
-
-
 class Player:
     """Plays motions one after another.
 
@@ -59,7 +42,7 @@ class Player:
 
     _numbers = itertools.count(1)
 
-    def __init__(self, link: UrLink, robot: RobotConfig):
+    def __init__(self, link: UrLink, robot: RobotUR):
         self.link = link
         self.robot = robot
 

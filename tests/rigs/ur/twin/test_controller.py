@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.rigs.ur.program import JointCurve, ProgramState, joint_move, motion_program
+from cablecast.rigs.path import JointCurve, joint_move
+from cablecast.rigs.ur.program import ProgramState, motion_program
 from cablecast.rigs.ur.rtde import BEAT, STATE, STOP, TICK, FrameReader, Recipe, frame
 from cablecast.rigs.ur.twin.controller import Controller
 from cablecast.rigs.ur.twin.servers import OUTPUTS, RtdeServer, dashboard_answer

@@ -4,9 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from cablecast.rigs.ur.link import Phase
-from cablecast.rigs.ur.program import joint_move, motion_program
-from cablecast.rigs.ur.rig import REPORT_GAP_MAX
+from cablecast.rigs.arm import REPORT_GAP_MAX
+from cablecast.rigs.driver import Phase
+from cablecast.rigs.path import joint_move
+from cablecast.rigs.ur.program import motion_program
 from cablecast.rigs.ur.rtde import BEAT, PHASE
 from cablecast.rigs.ur.twin import laboratory as laboratory_module
 from cablecast.rigs.ur.twin.laboratory import (

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.base import LimitKind, limit_violations
 from cablecast.arm.ur import JOINT_NAMES, ArmUR
 from cablecast.errors import InputError
+from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.rtde import REGISTER_COUNT
 from cablecast.rigs.ur.twin.urscript import PROGRAM_SIZE_MAX, Program, Run, ScriptError
 from cablecast.rigs.virtual.arm import REST_SPEED, LiveArm
@@ -78,15 +80,15 @@ class TwinLimits:
         places = np.array(self._past[::-count])
         rates = -np.diff(places, axis=0) / (count * self.dt)
         changes = -np.diff(rates, axis=0) / (count * self.dt)
-        for values, bound, words in (
-            (places, _POSITION_MAX, "{:.3f} rad is beyond its limit of position"),
-            (rates, self._speed_max, "{:.2f} rad/s is beyond its speed"),
-            (changes, _ACCELERATION_MAX, "{:.0f} rad/s2 is beyond its acceleration"),
-        ):
-            for value in values[:1]:
-                joint = int(np.argmax(np.abs(value) / bound))
-                if np.any(np.abs(value) > bound):
-                    return f"{JOINT_NAMES[joint]} at {words.format(value[joint])}"
+        asked = [values[:1] for values in (places, rates, changes)]
+        bounds = (_POSITION_MAX, self._speed_max, _ACCELERATION_MAX)
+        if peak := next(limit_violations(asked, bounds), None):
+            words = {
+                LimitKind.POSITION: f"{peak.value:.3f} rad is beyond its limit of position",
+                LimitKind.VELOCITY: f"{peak.value:.2f} rad/s is beyond its speed",
+                LimitKind.ACCELERATION: f"{peak.value:.0f} rad/s2 is beyond its acceleration",
+            }
+            return f"{JOINT_NAMES[peak.joint]} at {words[peak.kind]}"
         return self._outside(q)
 
     def _outside(self, q: NDArray[np.float64]) -> str | None:
@@ -160,8 +162,8 @@ class Controller:
 
     def __init__(self, setup: Setup, q: NDArray[np.float64], generation: str = "cb3"):
         robot = setup.robot
-        if robot is None:
-            raise InputError("a twin needs a lab file with a robot section")
+        if not isinstance(robot, RobotUR):
+            raise InputError("a twin needs a lab file whose robot section is that of a UR")
         self.setup = setup
         self.robot = robot
         self.program_size_max = PROGRAM_SIZE_MAX

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from cablecast.conventions import finite_or_none, tangent
 from cablecast.errors import CablecastError, InputError, check_count, check_number, check_seed
 from cablecast.motion.polar import reset_pose
+from cablecast.rigs.driver import Phase
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
-from cablecast.rigs.ur.link import Phase
 from cablecast.rigs.ur.program import ProgramState
 from cablecast.rigs.ur.rtde import CB3_MODELS, PHASE, RTDE_PORT, STATE
 from cablecast.rigs.ur.twin.controller import GENERATIONS, MODE_POWER_OFF, Controller

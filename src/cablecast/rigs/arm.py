@@ -1,4 +1,4 @@
-"""RigUR: a UR arm with a cable in its gripper, and the camera over its table."""
+"""RigArm: a real arm with a cable in its gripper, and the camera over its table."""
 
 import contextlib
 import dataclasses
@@ -8,17 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.robot import RobotConfig
-from cablecast.arm.ur import ArmUR
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
-from cablecast.errors import CablecastError, InputError, JointLimitError, RigError
+from cablecast.errors import CablecastError, JointLimitError, RigError
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
-from cablecast.rigs.ur.link import Phase, UrLink, check_arm, check_ready, check_report
-from cablecast.rigs.ur.player import CastAbortedError, MotionRecord, Player
-from cablecast.rigs.ur.program import UNDER_WAY, JointCurve, check_path, joint_move
+from cablecast.rigs.driver import (
+    ArmDriver,
+    CastAbortedError,
+    MotionRecord,
+    Phase,
+    make_driver,
+)
+from cablecast.rigs.path import JointCurve, check_path, joint_move
 from cablecast.setup import Setup
 from cablecast.vision.trials import TrialCamera, TrialTiming
 
@@ -41,9 +44,6 @@ STRAIGHT_ASIDE, STRAIGHT_AHEAD = 0.03, 0.95
 """Largest distance aside of an endpoint after a reset [share of the cable's length], and smallest
 ahead [share]."""
 
-_SILENCE_MAX = 2.0
-"""Longest `silence_max` of a real arm [s]."""
-
 TURN_SPEED = 0.8
 """Largest speed of a joint that turns the jaws into the camera's sight [rad/s]."""
 
@@ -57,36 +57,38 @@ REPORT_GAP_MAX = 0.1
 up at 20 rad/s² is 25 mrad from the straight line that stands for its way."""
 
 
-class RigUR(RigLifecycle):
-    """A UR arm behind the Rig contract.
+class RigArm(RigLifecycle):
+    """A real arm behind the Rig contract: the order of a cast, whatever drives the arm.
 
     Nothing is connected before the first reset; what can be checked without the arm, is checked
-    when the rig is made.
+    when the rig is made. A motion is checked before it is played, and the arm is stopped whenever
+    one does not end well.
 
     Args:
         setup: Lab file with a robot section, and an arm that was measured.
         camera: Camera over the table.
+        driver: Driver of the arm; that of the lab file where None.
 
     Raises:
-        InputError: The set-up has no robot, or its arm was not measured.
+        InputError: The set-up has no robot, or one that may not be driven; see `make_driver`.
     """
 
-    def __init__(self, setup: Setup, camera: TrialCamera):
+    def __init__(self, setup: Setup, camera: TrialCamera, driver: ArmDriver | None = None):
         super().__init__()
-        self.robot = check_lab(setup)
+        self.driver = driver or make_driver(setup)
+        robot = setup.robot
+        if robot is None:
+            raise RigError("the driver came without a robot section")
+        self.robot = robot
         self.setup = setup
         self.camera = camera
-        self._link: UrLink | None = None
-        self._rehearsed = REHEARSAL_COUNT if self.robot.seen_safe else 0
+        self._rehearsed = REHEARSAL_COUNT if robot.seen_safe else 0
         self.last_timing: TrialTiming | None = None
         settings = setup.to_settings()
         self.description: dict[str, Any] = {
-            "rig": "ur",
-            "is_twin": self.robot.is_loopback,
+            "rig": robot.driver,
+            **self.driver.description,
             "cable": setup.cable.name,
-            "lookahead": self.robot.lookahead,
-            "gain": self.robot.gain,
-            "payload_mass": self.robot.payload_mass,
             # How well it is calibrated today is no setting of a collection that goes on tomorrow.
             "camera": camera.description.get("camera", "unknown"),
             "workspace": settings["workspace"],
@@ -104,7 +106,7 @@ class RigUR(RigLifecycle):
         seen = "nowhere"
         for _ in range(RESET_COUNT):
             self._reset_once()
-            place = self.camera.locate(self._connected().latest().time)
+            place = self.camera.locate(self.driver.latest().time)
             if place is not None and self._lies_straight(place):
                 super().reset()
                 return
@@ -120,20 +122,18 @@ class RigUR(RigLifecycle):
         curve = curve_of(trajectory)
         check_path(curve, self.setup, "this cast")
         if self._rehearsed < REHEARSAL_COUNT:
-            check_ready(self._connected(), self.robot)
+            self.driver.ready()
             self._play("cablecast_rehearsal", curve.slowed(REHEARSAL_SLOWNESS), Phase.CAST)
             self._rehearsed += 1
             self.reset()
             self._use_reset()
-        # The reset may have connected anew.
-        link = self._connected()
-        check_ready(link, self.robot)
+        self.driver.ready()
         self.camera.start()
         try:
             record = self._play("cablecast_cast", curve, Phase.CAST)
             check_reports(record, curve)
-            timing, log = self._settle(link, record, curve)
-            link.set_phase(Phase.READOUT)
+            timing, log = self._settle(record, curve)
+            self.driver.set_phase(Phase.READOUT)
         except CastAbortedError as aborted:
             self.camera.cancel()
             return _aborted(str(aborted))
@@ -142,8 +142,8 @@ class RigUR(RigLifecycle):
             raise
         track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
         self.last_timing = timing
-        lost = track.status is TrialStatus.OK and self._has_lost_cable(link)
-        link.set_phase(Phase.IDLE)
+        lost = track.status is TrialStatus.OK and self._has_lost_cable()
+        self.driver.set_phase(Phase.IDLE)
         if lost:
             return _aborted(
                 "the camera sees no cable in the jaws: it slipped out in this cast. Grip it as "
@@ -165,58 +165,39 @@ class RigUR(RigLifecycle):
         if self._closed:
             return
         super().close()
-        link, self._link = self._link, None
-        with contextlib.closing(self.camera):
-            if link is None:
-                return
-            with contextlib.closing(link):
-                newest = link.reports[-1] if link.is_alive else None
-                # A program that is not ours goes on.
-                if newest is not None and newest.is_playing and newest.state in UNDER_WAY:
-                    Player(link, self.robot).stop()
-                with contextlib.suppress(RigError):
-                    link.set_phase(Phase.IDLE)
-
-    def _connected(self) -> UrLink:
-        """Return the connection, made anew where it was lost."""
-        if self._link is not None and not self._link.is_alive:
-            lost, self._link = self._link, None
-            lost.close()
-        if self._link is None:
-            link = UrLink(self.robot)
-            try:
-                check_arm(link.version, self.setup.arm.model)
-            except BaseException:
-                link.close()
-                raise
-            self._link = link
-        return self._link
+        with contextlib.closing(self.camera), contextlib.closing(self.driver):
+            self.driver.stop()
+            with contextlib.suppress(RigError):
+                self.driver.set_phase(Phase.IDLE)
 
     def _reset_once(self) -> None:
-        link = self._connected()
-        check_ready(link, self.robot)
-        self.camera.check(link.latest().time)
-        way, reset = reset_motions(self._at_rest(link), self.setup)
+        self.driver.ready()
+        self.camera.check(self.driver.latest().time)
+        way, reset = reset_motions(self._at_rest(), self.setup)
         self._play("cablecast_approach", way, Phase.RESET)
         self._play("cablecast_reset", reset, Phase.RESET)
-        self._wait(link, _HANG_STILL_TIME)
-        link.set_phase(Phase.IDLE)
+        self._wait(_HANG_STILL_TIME)
+        self.driver.set_phase(Phase.IDLE)
 
     def _play(self, name: str, curve: JointCurve, phase: Phase) -> MotionRecord:
-        link = self._connected()
-        link.set_phase(phase)
-        return Player(link, self.robot).play(name, curve)
+        done = False
+        try:
+            record = self.driver.play(name, curve, phase)
+            done = True
+            return record
+        finally:
+            if not done:
+                self.driver.stop()
 
-    def _settle(
-        self, link: UrLink, record: MotionRecord, curve: JointCurve
-    ) -> tuple[TrialTiming, ControllerLog]:
+    def _settle(self, record: MotionRecord, curve: JointCurve) -> tuple[TrialTiming, ControllerLog]:
         """Wait until the cable has come to rest, and return when all of it took place."""
-        link.set_phase(Phase.SETTLE)
+        driver = self.driver
+        driver.set_phase(Phase.SETTLE)
         end = record.start_time + curve.duration + self.robot.settle_time
         tail = record.start_time + curve.duration + _JOINT_TAIL
-        self._wait(link, end - link.latest().time)
-        check_report(link.wait_for_report(), self.robot)
-        reports = link.since(record.start_time)
+        self._wait(end - driver.latest().time)
+        driver.check_standing()
+        reports = driver.since(record.start_time)
         for report in reports:
             moved = float(np.abs(report.target_q - curve.q[-1]).max()) > _MOVED
             if report.time > tail and (report.is_playing or moved):
@@ -242,19 +223,19 @@ class RigUR(RigLifecycle):
         )
         return timing, log
 
-    def _at_rest(self, link: UrLink) -> NDArray[np.float64]:
+    def _at_rest(self) -> NDArray[np.float64]:
         """Return the joint angles of the standing arm, without the noise of one report."""
-        self._wait(link, _STILL_TIME)
-        since = link.latest().time - _STILL_TIME / 2
-        return np.mean([r.q for r in link.since(since)], axis=0)
+        self._wait(_STILL_TIME)
+        since = self.driver.latest().time - _STILL_TIME / 2
+        return np.mean([r.q for r in self.driver.since(since)], axis=0)
 
-    def _has_lost_cable(self, link: UrLink) -> bool:
+    def _has_lost_cable(self) -> bool:
         """Return whether the camera sees that the jaws are empty; turn them to where it sees them.
 
         A camera need not know: the protocol does not ask for it.
         """
         camera: Any = self.camera
-        q = self._at_rest(link)
+        q = self._at_rest()
         seen = camera.into_sight(q) if hasattr(camera, "into_sight") else None
         if seen is None:
             return False
@@ -266,13 +247,13 @@ class RigUR(RigLifecycle):
             except (JointLimitError, CastAbortedError):
                 # The cast was made, and is kept.
                 return False
-            q = self._at_rest(link)
-        return camera.holds_cable(q, link.latest().time) is False
+            q = self._at_rest()
+        return camera.holds_cable(q, self.driver.latest().time) is False
 
-    def _wait(self, link: UrLink, duration: float) -> None:
+    def _wait(self, duration: float) -> None:
         """Wait by the controller's clock."""
-        end = link.latest().time + duration
-        while link.latest().time < end:
+        end = self.driver.latest().time + duration
+        while self.driver.latest().time < end:
             time.sleep(0.005)
 
     def _lies_straight(self, place: NDArray[np.float64]) -> bool:
@@ -291,32 +272,6 @@ def _aborted(why: str) -> EndpointTrack:
     )
 
 
-def check_lab(setup: Setup) -> RobotConfig:
-    """Return the robot of a lab file, if it may be driven.
-
-    Raises:
-        InputError: There is no robot, it is no UR, its arm was not measured, or nobody would notice
-            in time that its controller is silent.
-    """
-    if not isinstance(setup.arm, ArmUR):
-        raise InputError(
-            f"--rig ur drives a UR arm, and the lab file describes a {setup.arm.model}"
-        )
-    if setup.robot is None:
-        raise InputError("the lab file has no robot section: --rig ur needs one")
-    if not setup.arm.measured:
-        raise InputError(
-            "the arm of the lab file is not measured: a motion for another geometry drives the "
-            "fingers into the table. Measure its five values, and set measured: true"
-        )
-    if setup.robot.silence_max > _SILENCE_MAX and not setup.robot.is_loopback:
-        raise InputError(
-            f"robot silence_max = {setup.robot.silence_max:g} s is for a twin: a real arm would "
-            f"move unwatched. Leave it out of the lab file, or set it to {_SILENCE_MAX:g} s at most"
-        )
-    return setup.robot
-
-
 def curve_of(trajectory: Trajectory) -> JointCurve:
     """Return the path of a motion as it is sent.
 
@@ -332,7 +287,7 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, Joi
     """Return the way to the start of the paper's reset, and that reset, both checked.
 
     Args:
-        q: Joint angles of the standing arm [rad], shape [6].
+        q: Joint angles of the standing arm [rad], shape [joint].
         setup: Set-up with a robot section.
 
     Raises:
@@ -387,19 +342,20 @@ def check_reports(record: MotionRecord, curve: JointCurve) -> None:
         )
 
 
-def make_ur_rig(setup: Setup) -> RigUR:
+def make_arm_rig(setup: Setup, name: str | None = None) -> RigArm:
     """Return the arm and the camera of a lab file.
 
     Args:
         setup: Lab file with the sections robot and camera.
+        name: Driver that the robot must be of; any where None.
 
     Raises:
-        InputError: A section is missing, or the arm was not measured.
+        InputError: A section is missing, or the robot may not be driven; see `make_driver`.
         CameraError: The camera cannot be opened.
         MissingExtraError: OpenCV is not installed.
     """
     from cablecast.vision.trials import CameraOfTrials
 
     # A lab file that is refused leaves the camera alone.
-    check_lab(setup)
-    return RigUR(setup, CameraOfTrials(setup))
+    driver = make_driver(setup, name)
+    return RigArm(setup, CameraOfTrials(setup), driver)
