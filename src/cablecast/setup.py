@@ -12,7 +12,7 @@ import yaml
 
 from cablecast.arm.base import Arm
 from cablecast.arm.description import arm_from_dict
-from cablecast.arm.robot import RobotConfig, robot_from_dict
+from cablecast.arm.robot import RobotConfig
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Cable, load_cable
 from cablecast.camera.settings import CameraSettings
@@ -224,7 +224,7 @@ class Setup:
             arm=arm,
             # The arcs are about the robot's base, unless the file says otherwise.
             motion=MotionConfig(**{"r0": workspace.reset_y, **motion}),
-            robot=None if robot is None else robot_from_dict(robot),
+            robot=None if robot is None else RobotConfig.from_dict(robot),
             camera=None if camera is None else CameraSettings.from_dict(camera, folder),
         )
 

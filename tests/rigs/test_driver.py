@@ -84,7 +84,8 @@ class EngineCamera:
 def lab(monkeypatch) -> Setup:
     """Return a lab with a puppet, whose driver is known for a test."""
     monkeypatch.setitem(DRIVERS, NAME, LINE)
-    monkeypatch.setattr("cablecast.vision.trials.CameraOfTrials", EngineCamera)
+    for module in ("rigs.arm", "pipeline.dry_run"):
+        monkeypatch.setattr(f"cablecast.{module}.CameraOfTrials", EngineCamera)
     monkeypatch.setattr(DriverPuppet, "made", [])
     return Setup.from_dict({"arm": {"measured": True}, "robot": SECTION})
 
@@ -135,7 +136,7 @@ def test_a_driver_and_the_lab_file_of_another_are_refused_before_the_camera_open
     def opened(setup):
         raise AssertionError
 
-    monkeypatch.setattr("cablecast.vision.trials.CameraOfTrials", opened)
+    monkeypatch.setattr("cablecast.rigs.arm.CameraOfTrials", opened)
     with pytest.raises(InputError, match=r"--rig ur needs another lab file: .* is puppet"):
         make_rig("ur", lab)
     with pytest.raises(InputError, match=r"--rig puppet needs another lab file: .* is ur"):

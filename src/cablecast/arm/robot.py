@@ -1,10 +1,10 @@
 """RobotConfig: the bounds of the real arm's motion, and the driver that moves it."""
 
 import dataclasses
-import importlib
 import json
+import pkgutil
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -99,12 +99,24 @@ class RobotConfig:
         """Return plain values for a lab file."""
         return {"driver": self.driver, **json.loads(json.dumps(dataclasses.asdict(self)))}
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make the settings from plain values, without the name of the driver."""
-        fields = dataclasses.fields(cls)
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> "RobotConfig":
+        """Make the settings from plain values, as their `driver` reads them; the default is ur.
+
+        Raises:
+            InputError: There is no such driver, a key is unknown, or a value out of bounds.
+        """
+        driver = values.get("driver", "ur") if isinstance(values, Mapping) else "ur"
+        if not isinstance(driver, str) or driver not in DRIVERS:
+            raise InputError(
+                f"unknown robot driver {str(driver)[:40]!r}: one of {', '.join(DRIVERS)}"
+            )
+        kind = pkgutil.resolve_name(DRIVERS[driver][0])
+        fields = dataclasses.fields(kind)
         required = {f.name for f in fields if f.default is dataclasses.MISSING}
-        values = check_keys(values, {f.name for f in fields}, "robot", required=required)
+        known = {"driver", *(f.name for f in fields)}
+        values = check_keys(values, known, "robot", required=required)
+        values.pop("driver", None)
         obstacles = values.get("obstacles", ())
         if not isinstance(obstacles, (list, tuple)):
             raise InputError(f"robot obstacles must be a list, not {str(obstacles)[:40]!r}")
@@ -113,26 +125,7 @@ class RobotConfig:
             Obstacle(**check_keys(obstacle, keys, "robot obstacle", required=keys))
             for obstacle in obstacles
         )
-        return cls(**values)
-
-
-def robot_from_dict(values: Any) -> RobotConfig:
-    """Return the robot section of a lab file, as its driver reads it; the default is ur.
-
-    Raises:
-        InputError: There is no such driver, a key is unknown, or a value out of bounds.
-    """
-    own = dict(values) if isinstance(values, Mapping) else {}
-    name = own.pop("driver", "ur")
-    if not isinstance(name, str) or name not in DRIVERS:
-        raise InputError(f"unknown robot driver {str(name)[:40]!r}: one of {', '.join(DRIVERS)}")
-    return driver_part(name, 0).from_dict(own if isinstance(values, Mapping) else values)
-
-
-def driver_part(name: str, part: int) -> Any:
-    """Return the class of a driver's settings (part 0), or the driver's own (part 1)."""
-    module, _, attribute = DRIVERS[name][part].partition(":")
-    return getattr(importlib.import_module(module), attribute)
+        return kind(**values)
 
 
 def point(name: str, values: Any) -> Point:

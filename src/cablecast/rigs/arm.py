@@ -14,16 +14,10 @@ from cablecast.errors import CablecastError, JointLimitError, RigError
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
-from cablecast.rigs.driver import (
-    ArmDriver,
-    CastAbortedError,
-    MotionRecord,
-    Phase,
-    make_driver,
-)
+from cablecast.rigs.driver import CastAbortedError, MotionRecord, Phase, make_driver
 from cablecast.rigs.path import JointCurve, check_path, joint_move
 from cablecast.setup import Setup
-from cablecast.vision.trials import TrialCamera, TrialTiming
+from cablecast.vision.trials import CameraOfTrials, TrialCamera, TrialTiming
 
 RESET_DT = 0.008
 """Time between the set points to which the path of a reset is fitted [s]."""
@@ -66,22 +60,25 @@ class RigArm(RigLifecycle):
 
     Args:
         setup: Lab file with a robot section, and an arm that was measured.
-        camera: Camera over the table.
-        driver: Driver of the arm; that of the lab file where None.
+        camera: Camera over the table; that of the lab file where None.
+        driver: Name of the driver that the robot must be of; any where None.
 
     Raises:
         InputError: The set-up has no robot, or one that may not be driven; see `make_driver`.
+        CameraError: The lab file has no camera, or it cannot be opened.
+        MissingExtraError: OpenCV is not installed.
     """
 
-    def __init__(self, setup: Setup, camera: TrialCamera, driver: ArmDriver | None = None):
+    def __init__(self, setup: Setup, camera: TrialCamera | None = None, driver: str | None = None):
         super().__init__()
-        self.driver = driver or make_driver(setup)
+        # A lab file that is refused leaves the camera alone.
+        self.driver = make_driver(setup, driver)
         robot = setup.robot
         if robot is None:
             raise RigError("the driver came without a robot section")
         self.robot = robot
         self.setup = setup
-        self.camera = camera
+        self.camera = camera = camera or CameraOfTrials(setup)
         self._rehearsed = REHEARSAL_COUNT if robot.seen_safe else 0
         self.last_timing: TrialTiming | None = None
         settings = setup.to_settings()
@@ -340,22 +337,3 @@ def check_reports(record: MotionRecord, curve: JointCurve) -> None:
             f"no report came for {gap:.2f} s of the cast, more than {REPORT_GAP_MAX:g} s: network "
             "or computer is busy"
         )
-
-
-def make_arm_rig(setup: Setup, name: str | None = None) -> RigArm:
-    """Return the arm and the camera of a lab file.
-
-    Args:
-        setup: Lab file with the sections robot and camera.
-        name: Driver that the robot must be of; any where None.
-
-    Raises:
-        InputError: A section is missing, or the robot may not be driven; see `make_driver`.
-        CameraError: The camera cannot be opened.
-        MissingExtraError: OpenCV is not installed.
-    """
-    from cablecast.vision.trials import CameraOfTrials
-
-    # A lab file that is refused leaves the camera alone.
-    driver = make_driver(setup, name)
-    return RigArm(setup, CameraOfTrials(setup), driver)

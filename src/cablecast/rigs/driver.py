@@ -2,13 +2,14 @@
 
 import dataclasses
 import enum
+import pkgutil
 from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.robot import DRIVERS, driver_part
+from cablecast.arm.robot import DRIVERS
 from cablecast.errors import InputError, RigError
 from cablecast.rigs.path import JointCurve
 from cablecast.setup import Setup
@@ -149,7 +150,7 @@ def make_driver(setup: Setup, name: str | None = None) -> ArmDriver:
     own = setup.robot.driver
     if name not in (None, own):
         raise InputError(f"--rig {name} needs another lab file: the driver of its robot is {own}")
-    driver: ArmDriver = driver_part(own, 1)(setup)
+    driver: ArmDriver = pkgutil.resolve_name(DRIVERS[own][1])(setup)
     if not setup.arm.measured:
         raise InputError(
             "the arm of the lab file is not measured: a motion for another geometry drives the "

@@ -70,9 +70,9 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
 
         return RigEngine(make_engine(spec.partition(":")[2] or "warp"), setup)
     if isinstance(spec, str) and spec in DRIVERS:
-        from cablecast.rigs.arm import make_arm_rig
+        from cablecast.rigs.arm import RigArm
 
-        return make_arm_rig(setup, spec)
+        return RigArm(setup, driver=spec)
     if isinstance(spec, str):
         module_name, colon, factory_name = spec.partition(":")
         if not (colon and module_name and factory_name) or module_name == "virtual":
