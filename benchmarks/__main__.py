@@ -24,6 +24,7 @@ from benchmarks.result import (
     OTHER,
     PAPER,
     PHYSICS,
+    ROBOT,
     SIGHT,
     Result,
     Table,
@@ -77,7 +78,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     ),
     "page": ("page:main", ("view",), "latencies, memory and frames of the page of `view`"),
     "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),
-    "faults": ("faults:main", ("rigs/ur",), "faults of robot, camera and cable in every phase"),
+    "faults": ("faults:main", ROBOT, "faults of robot, camera and cable in every phase"),
     "effects": (
         "effects:effects",
         LABORATORY,

@@ -36,6 +36,7 @@ LABORATORY = (*ENGINE, "motion", "arm", "rigs/virtual")
 PAPER = (*LABORATORY, "tuning", "learning", "evaluation")
 """What `cablecast reproduce` depends on: it does not aim."""
 LEARNING = (*LABORATORY, "tuning", "learning", "aiming")
+ROBOT = ("rigs/arm", "rigs/driver", "rigs/path", "rigs/ur")
 SIGHT = ("camera", "vision", "rigs/virtual")
 
 DIGITS = 6

@@ -34,7 +34,6 @@ from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.setup import Setup, load_setup
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
 from cablecast.tuning.tuned import Tuned
-from cablecast.vision.trials import CameraOfTrials
 
 ROOT = pathlib.Path(__file__).parents[1]
 CAMERA = {"width": 960, "height": 540, "rate": 30.0}
@@ -52,7 +51,7 @@ class RigCompared(RigArm):
     """
 
     def __init__(self, setup: Setup, twin: TwinProcess, notes: pathlib.Path):
-        super().__init__(setup, CameraOfTrials(setup))
+        super().__init__(setup)
         self._twin, self._notes = twin, notes
 
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
@@ -81,7 +80,7 @@ def casts_of_twin(setup: Setup, actions: np.ndarray, out: pathlib.Path, address:
         setup = dataclasses.replace(setup, camera=seen)
         out.parent.mkdir(parents=True, exist_ok=True)
         if not out.exists():
-            found = sync_camera(setup, lambda camera: RigArm(setup, camera))
+            found = sync_camera(setup)
             print(
                 f"clocks: {1e3 * found.offset:.1f} ms apart, {1e3 * found.sd:.1f} ms uncertain, "
                 f"{100 * found.explained:.0f} % explained",

@@ -14,6 +14,7 @@ from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.arm import REHEARSAL_SLOWNESS
 from cablecast.rigs.path import JointCurve, check_path
+from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.program import HOLD_TIME, motion_program
 from cablecast.rigs.ur.rtde import BEAT
 from cablecast.rigs.ur.twin.controller import Controller
@@ -53,8 +54,8 @@ def main() -> None:
     for kind in ("cast", "rehearsal", "reset"):
         for dt in (0.008, 0.002):
             setup = load_setup(ROOT / "examples" / "twin.yaml").with_motion(control_dt=dt)
-            if setup.robot is None:
-                raise SystemExit("the twin's lab file has no robot section")
+            if not isinstance(setup.robot, RobotUR):
+                raise SystemExit("the twin's lab file has no robot section of a UR")
             path = plan(kind, setup)
             slowness = REHEARSAL_SLOWNESS if kind == "rehearsal" else 1
             curve = JointCurve.fit(path).slowed(slowness)

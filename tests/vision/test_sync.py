@@ -118,14 +118,14 @@ def test_a_cast_tells_the_offset_of_the_clocks_where_the_shutter_rolls(config, s
 
 
 def test_one_cast_tells_the_offset_of_the_clocks_over_the_network(setup, player):
-    found = sync_camera(setup, lambda camera: PlayedRig(player, camera))
+    found = sync_camera(setup, lambda _, camera: PlayedRig(player, camera))
     assert found.offset == pytest.approx(-CLOCK, abs=OFFSET_MAX)
     assert 0 < found.sd < SD_MAX
 
 
 def test_a_cast_that_was_aborted_tells_nothing(setup, player):
     with pytest.raises(CameraError, match="the cast was aborted"):
-        sync_camera(setup, lambda camera: PlayedRig(player, camera, aborts=True))
+        sync_camera(setup, lambda _, camera: PlayedRig(player, camera, aborts=True))
 
 
 @pytest.fixture(scope="module")

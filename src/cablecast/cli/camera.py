@@ -114,9 +114,7 @@ class CameraVerb:
                 "the lab file that makes one cast"
             )
         else:
-            from cablecast.rigs.arm import RigArm
-
-            found = sync_camera(setup, lambda camera: RigArm(setup, camera))
+            found = sync_camera(setup)
             offset = found.offset
         print(
             f"offset     {offset:.5f} s: the robot's clock when the camera's shows zero\n"

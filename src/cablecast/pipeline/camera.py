@@ -15,6 +15,7 @@ from cablecast.errors import CameraError, InputError, check_count, check_number
 from cablecast.files import read_numbers
 from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, plan_trajectory
+from cablecast.rigs.arm import RigArm
 from cablecast.rigs.base import Rig
 from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.setup import Setup, load_setup, update_lab_file
@@ -73,7 +74,9 @@ def check_camera(setup: Setup, *, seconds: float = 3.0, tip_speed: float = 5.0) 
         return check.report(camera.dropped_count)
 
 
-def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOffset:
+def sync_camera(
+    setup: Setup, make_rig: Callable[[Setup, TrialCamera], Rig] = RigArm
+) -> ClockOffset:
     """Measure the offset between the clocks of robot and camera with one cast, `SYNC_ACTION`.
 
     Raises:
@@ -83,7 +86,7 @@ def sync_camera(setup: Setup, make_rig: Callable[[TrialCamera], Rig]) -> ClockOf
     """
     trajectory = plan_trajectory(SYNC_ACTION, setup)
     with ClockCamera(setup) as camera:
-        rig = make_rig(camera)
+        rig = make_rig(setup, camera)
         try:
             rig.reset()
             track = rig.execute(trajectory)

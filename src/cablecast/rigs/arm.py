@@ -177,14 +177,11 @@ class RigArm(RigLifecycle):
         self.driver.set_phase(Phase.IDLE)
 
     def _play(self, name: str, curve: JointCurve, phase: Phase) -> MotionRecord:
-        done = False
         try:
-            record = self.driver.play(name, curve, phase)
-            done = True
-            return record
-        finally:
-            if not done:
-                self.driver.stop()
+            return self.driver.play(name, curve, phase)
+        except BaseException:
+            self.driver.stop()
+            raise
 
     def _settle(self, record: MotionRecord, curve: JointCurve) -> tuple[TrialTiming, ControllerLog]:
         """Wait until the cable has come to rest, and return when all of it took place."""

@@ -106,11 +106,10 @@ class DriverUR:
         if self._link is not None and not self._link.is_alive:
             self.close()
         if self._link is None:
-            link = UrLink(self.robot)
+            self._link = UrLink(self.robot)
             try:
-                check_arm(link.version, self.model)
+                check_arm(self._link.version, self.model)
             except BaseException:
-                link.close()
+                self.close()
                 raise
-            self._link = link
         return self._link
