@@ -37,10 +37,9 @@ class Evaluate(TargetOptions):
         str,
         argument(
             "RIG",
-            text="Rig that makes the casts, as of aim: virtual, an arm such as ur, or your own "
-            "robot as package.module:factory. engine is the simulator of the model's training "
-            "casts, and engine:warp, engine:mujoco or engine:pybullet another one with the same "
-            "cable.",
+            text="Rig that makes the casts, as of aim; engine is the simulator of the model's "
+            "training casts, and engine:warp, engine:mujoco or engine:pybullet another one with "
+            "the same cable.",
         ),
     ] = "virtual"
     repeats: int = 1
