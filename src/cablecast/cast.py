@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import InputError
-from cablecast.motion.action import Action
+from cablecast.motion.action import ACTION_SIZE, Action
 from cablecast.motion.trajectory import JointPath, Trajectory, plan_trajectory
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, Goal
@@ -216,8 +216,8 @@ class Cast:
     """A cast that was made.
 
     Attributes:
-        action: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [4]; NaN for a motion that no
-            action describes.
+        action: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [5]; NaN for a motion
+            that no action describes.
         duration: Duration of the gripper's motion [s].
         joint_path: Commanded joints; None for a rig without joints.
         track: What the rig saw of it.
@@ -247,8 +247,9 @@ class Cast:
         proposal: Proposal | None = None,
     ) -> "Cast":
         """Return the cast of a motion that was executed."""
+        unknown = np.full(ACTION_SIZE, np.nan)
         return cls(
-            action=np.full(4, np.nan) if motion.action is None else motion.action.to_array(),
+            action=unknown if motion.action is None else motion.action.to_array(),
             duration=motion.duration,
             joint_path=motion.joint_path,
             track=track,

@@ -5,6 +5,10 @@ from typing import Literal
 
 from cablecast.errors import InputError, check_count, check_number, check_seed
 
+PACES = (0.2, 1.25)
+"""Range of the pace of a cast [-]: slower ones land where the slowest does, and take longer. What an
+arm cannot follow is not chosen."""
+
 COUNT_MAX = 1_000_000
 """Most casts, simulated casts or candidates of one session."""
 
@@ -38,6 +42,9 @@ class AimConfig:
     """Largest number of passes of the training over them."""
     candidate_count: int = 20_000
     """Number of motions to choose from."""
+    fast: bool = False
+    """Only the paper's motions, each as fast as its limits allow. Calm ones of the same paths take
+    some seconds longer and repeat better, so they are chosen where they reach."""
     seed: int = 0
     """Seed of all random numbers."""
     device: Literal["cpu", "cuda"] = "cpu"
@@ -56,9 +63,14 @@ class AimConfig:
         check_count("epochs", self.epochs, 1, COUNT_MAX)
         check_count("candidate_count", self.candidate_count, 1, COUNT_MAX)
         check_seed(self.seed)
-        for name in ("force", "refit"):
+        for name in ("force", "refit", "fast"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{name} = {getattr(self, name)!r} must be True or False")
+
+    @property
+    def pace(self) -> tuple[float, float]:
+        """Range of the pace of casts [-]."""
+        return (1.0, 1.0) if self.fast else PACES
 
     @classmethod
     def of(cls, values: "AimConfig") -> "AimConfig":

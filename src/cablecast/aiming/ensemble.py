@@ -21,6 +21,7 @@ from cablecast.engines.base import Engine, engine_settings
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError
 from cablecast.files import core_count, write_bytes
+from cablecast.motion.action import ACTION_SIZE
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.runs.folder import fingerprint
 from cablecast.setup import Setup
@@ -159,7 +160,7 @@ class EnsembleLandings:
         """Return how the free end moves in each simulator [m], shape [member, action, sample, 2].
 
         Args:
-            actions: Actions to the right, shape [action, 4].
+            actions: Actions to the right, shape [action, 5].
             side: +1, or -1 for those that are cast to the left, shape [action]; all to the right
                 where None.
             members: Simulators; those of the ensemble where empty.
@@ -260,7 +261,7 @@ class EnsembleLandings:
         if len(self._known) == self._kept_count:
             return
         buffer = io.BytesIO()
-        keys = np.frombuffer(b"".join(self._known)).reshape(-1, 5)
+        keys = np.frombuffer(b"".join(self._known)).reshape(-1, ACTION_SIZE + 1)
         np.savez(buffer, simulators=self.fingerprint, keys=keys, rows=[*self._known.values()])
         write_bytes(file, buffer.getvalue())
         self._kept_count = len(self._known)

@@ -51,7 +51,7 @@ class Candidates(ArrayRows):
     """Actions mirrored to the right, the side that each is cast to, and their simulated landings.
 
     Attributes:
-        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+        actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [action, 5].
         side: +1 right, -1 left, shape [action].
         shifts: From the landing that the policy's network says to that in the best simulator, 0
             where there is no ensemble [cable lengths], shape [action, 2].
@@ -163,7 +163,9 @@ class Beliefs:
         ensemble = EnsembleLandings.of(tuned)
         if kept is not None:
             ensemble.recall(kept)
-        actions = feasible_uniform(count, tuned.setup, seed=_SPREAD_SEED)
+        actions = feasible_uniform(
+            count, tuned.setup, policy.model.action_ranges, seed=_SPREAD_SEED
+        )
         found = ensemble.evaluate(*mirror_to_right(actions))
         finite = np.isfinite(found.landing_xy).all(axis=1)
         size = LocalSize(landing_xy=found.landing_xy[finite], values=found.sizes[finite])
@@ -390,7 +392,7 @@ class LandingPredictor:
         return simulated_xy + self.beliefs.length * self.experience.residual.means(places)
 
     def predict(self, actions: ArrayLike) -> tuple[_Array, _Array, _Array]:
-        """Predict the landings of actions on either side, shape [action, 4].
+        """Predict the landings of actions on either side, shape [action, 5].
 
         Returns:
             Expected landings [m], shape [action, 2]; their covariances, scatter included [m²],

@@ -19,7 +19,7 @@ from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.learning.landing import central_shifts
 from cablecast.learning.policy import COVERAGE_PCT, TABLE_MARGIN, refine_actions, within_ranges
-from cablecast.motion.action import Action, mirror_actions, mirror_to_right
+from cablecast.motion.action import ACTION_SIZE, Action, mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions
 from cablecast.setup import Setup
@@ -50,8 +50,8 @@ CAMERA_HEIGHT = 2.2
 MARKER_RADIUS = 0.015
 """Distance from the arm's outline at which a marker of usual size is half hidden [m]."""
 
-SAME_ACTION = np.array([np.radians(0.1), np.radians(0.1), 1e-3, np.radians(0.1)])
-"""Two actions nearer to each other than this make the same cast [rad, rad, m, rad]."""
+SAME_ACTION = np.array([np.radians(0.1), np.radians(0.1), 1e-3, np.radians(0.1), 1e-3])
+"""Two actions nearer to each other than this make the same cast [rad, rad, m, rad, -]."""
 
 # Points that stand for a round normal distribution: shares of equal probability, each at the
 # distance from the middle that halves it.
@@ -140,7 +140,7 @@ def _risks(
     # An action of an earlier cast may be beyond the arm's limits.
     feasible = check_actions(candidates.actions, setup).mask
     made = [cast.action for cast in predictor.casts if cast.is_at(target)]
-    step = np.abs(motions[:, None] - np.reshape(made, (-1, 4))) / SAME_ACTION
+    step = np.abs(motions[:, None] - np.reshape(made, (-1, ACTION_SIZE))) / SAME_ACTION
     feasible &= np.all(np.max(step, axis=2) > 1.0, axis=1)
     risk[~((margin >= _table_margin(predictor)) & feasible)] = np.inf
     return risk, failure
@@ -217,7 +217,9 @@ def _shortlist(predictor: LandingPredictor, target: _Array, tried: bool) -> Cand
     near_places.inputs[:, -1] = side[near]
     mean = predictor.experience.residual.means(near_places)
     expected_xy = simulated_xy[near] + predictor.beliefs.length * mean
-    distance = np.linalg.norm(expected_xy - goals[near], axis=1)
+    distance = np.linalg.norm(expected_xy - goals[near], axis=1) / predictor.beliefs.length
+    # Of those that are near enough to be moved onto the target, the calm ones.
+    distance = np.hypot(distance, np.sqrt(2.0 * predictor.experience.scatter(near_places)))
     earlier = _earlier_actions(predictor, target)
     few = predictor.ensemble is None or (tried and len(earlier) > 0)
     short = near[np.argsort(distance)[: _SHORTLIST_COUNT if few else _SIMULATED_COUNT]]
@@ -240,13 +242,13 @@ def _least_missing(
 
 
 def _earlier_actions(predictor: LandingPredictor, target: _Array) -> _Array:
-    """Return the actions of casts that landed nearest to a target, shape [action, 4]."""
+    """Return the actions of casts that landed nearest to a target, shape [action, 5]."""
     landed = [cast for cast in predictor.casts if cast.landed]
     miss = [
         float(LANDING.miss(cast.outcome, target, predictor.beliefs.policy.setup)) for cast in landed
     ]
     near = [row for row in np.argsort(miss)[:_EARLIER_COUNT] if miss[row] < _EARLIER_REACH]
-    return np.array([landed[row].action for row in near]).reshape(-1, 4)
+    return np.array([landed[row].action for row in near]).reshape(-1, ACTION_SIZE)
 
 
 def expected_loss(
@@ -281,7 +283,7 @@ def lost_chance(
     that cannot follow an action hides nothing.
 
     Args:
-        actions: Actions on either side, shape [action, 4].
+        actions: Actions on either side, shape [action, 5].
         landing_xy: Their expected landings [m], shape [action, 2].
         deviation: Standard deviation of the landings along each axis [m], shape [action].
         setup: Set-up with the arm and the table.

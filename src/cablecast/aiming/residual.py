@@ -44,10 +44,10 @@ class ArrayRows:
         )
 
 
-PLACE_COUNT = 7
-"""Coordinates of a place: four features, two of the simulated landing, and the side."""
+PLACE_COUNT = 8
+"""Coordinates of a place: five features, two of the simulated landing, and the side."""
 
-LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 3.0])
+LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 1.2, 3.0])
 """Length scales of the process along the normalised features of the action, the normalised
 landing, and the side (+1 right, -1 left), which is 2 from one to the other."""
 
@@ -108,7 +108,7 @@ class Places(ArrayRows):
     """Coordinates of some actions for the process.
 
     Attributes:
-        inputs: Coordinates, shape [action, 7].
+        inputs: Coordinates, shape [action, 8].
         log_sizes: Logarithm of the local size over that of a usual cast, shape [action].
         log_scatters: Logarithm of the scatter over that of a usual cast, shape [action].
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape

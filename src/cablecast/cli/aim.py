@@ -43,7 +43,15 @@ _MANY_TARGETS = 12
 
 # Settings that decide the model of a session, which the page needs as well.
 _MODEL_OPTIONS = {
-    *("calibration_count", "simulated_count", "epochs", "candidate_count", "seed", "device"),
+    *(
+        "calibration_count",
+        "simulated_count",
+        "epochs",
+        "candidate_count",
+        "fast",
+        "seed",
+        "device",
+    ),
 }
 
 

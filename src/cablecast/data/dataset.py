@@ -26,7 +26,7 @@ from cablecast.data.schema import (
 )
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import CablecastError, DatasetError, InputError
-from cablecast.motion.action import ActionRanges
+from cablecast.motion.action import ActionRanges, action_rows
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath
 from cablecast.runs.folder import fingerprint
@@ -40,7 +40,8 @@ class Dataset:
     """Trials: actions and their outcomes.
 
     Attributes:
-        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [row, 4].
+        actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [row, 5]; without the
+            pace, which is 1 then, [row, 4].
         endpoint_xy: Resting point of the free end [m], shape [row, 2]; NaN where unknown. A
             simulated row that left the table keeps its resting point on the endless plane.
         status: Codes of the trial statuses, shape [row].
@@ -63,8 +64,8 @@ class Dataset:
 
     def __post_init__(self):
         row_count = len(self.actions)
+        object.__setattr__(self, "actions", action_rows(self.actions))
         for name, shape in (
-            ("actions", (row_count, 4)),
             ("endpoint_xy", (row_count, 2)),
             ("status", (row_count,)),
             ("duration", (row_count,)),

@@ -54,7 +54,7 @@ _FEATURES: dict[str, dict[str, Any]] = {
     "observation.state": {"dtype": "float32"},
     "observation.endpoint": {"dtype": "float32", "shape": [2], "names": ["x", "y"]},
     "observation.endpoint_seen": {"dtype": "bool", "shape": [1], "names": None},
-    "observation.cast": {"dtype": "float32", "shape": [4], "names": list(ACTION_NAMES)},
+    "observation.cast": {"dtype": "float32", "shape": [5], "names": list(ACTION_NAMES)},
     "action": {"dtype": "float32"},
     "next.done": {"dtype": "bool", "shape": [1], "names": None},
     "next.success": {"dtype": "bool", "shape": [1], "names": None},

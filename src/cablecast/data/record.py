@@ -306,7 +306,7 @@ def collect_dataset(
 ) -> Dataset:
     """Make casts on a rig, or resume an earlier collection of equal settings; see `record_trials`.
 
-    The actions are given, shape [action, 4], or sampled: `count` of them (the paper's by default)
+    The actions are given, shape [action, 5], or sampled: `count` of them (the paper's by default)
     from ranges that suit the set-up. Each is repeated `repeats` times in a row.
 
     Raises:
@@ -347,7 +347,7 @@ def sample_actions(
     seed: int = 0,
     ranges: ActionRanges | None = None,
 ) -> Array:
-    """Sample feasible actions in the order in which a rig should make them, shape [count, 4].
+    """Sample feasible actions in the order in which a rig should make them, shape [count, 5].
 
     They are uniform over the ranges, those that suit the set-up where None, or on a grid of them.
     """

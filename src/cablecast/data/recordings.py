@@ -21,7 +21,7 @@ from cablecast.conventions import Array
 from cablecast.data.mocap import MocapNames
 from cablecast.errors import COUNT_MAX, InputError
 from cablecast.files import read_bytes, read_csv
-from cablecast.motion.action import Action
+from cablecast.motion.action import ACTION_SIZE, Action
 from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.checked import JOINT_ANGLE_MAX
 from cablecast.setup import Setup
@@ -460,13 +460,13 @@ def _grip(
 
 
 def _action(columns: dict[str, Array]) -> Array:
-    """Return the first action that is stated, shape [4]; NaN without one."""
+    """Return the first action that is stated, shape [5]; NaN without one."""
     if ACTION_COLUMNS[0] in columns:
         stated = np.stack([columns[column] for column in ACTION_COLUMNS], axis=-1)
         stated = stated[np.all(np.isfinite(stated), axis=1)]
         if len(stated):
             return Action.from_array(stated[0]).to_array()
-    return np.full(4, np.nan)
+    return np.full(ACTION_SIZE, np.nan)
 
 
 def _status(times: Array, xy: Array, workspace: Workspace) -> TrialStatus:

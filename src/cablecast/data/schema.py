@@ -16,8 +16,9 @@ import numpy as np
 from cablecast.conventions import Array
 from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError
 from cablecast.files import read_bytes, read_sealed
+from cablecast.motion.action import ACTION_NAMES
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 """Version of the schema; datasets of other versions are refused."""
 
 
@@ -39,6 +40,7 @@ COLUMNS = (
     Column("theta2", "float64", "rad", "angle at which the motion ends"),
     Column("r2", "float64", "m", "radius at which the motion ends"),
     Column("psi", "float64", "rad", "heading of the gripper at the end"),
+    Column("pace", "float64", "-", "speed over that of the paper's motion"),
     Column(
         "endpoint_x", "float64", "m", "resting point of the free end, to the right of the robot"
     ),
@@ -95,7 +97,7 @@ OPTIONAL_COLUMNS = (
     Column("rig", "string", "-", "description of the rig, as JSON"),
 )
 
-ACTION_COLUMNS = ("theta1", "theta2", "r2", "psi")
+ACTION_COLUMNS = ACTION_NAMES
 ENDPOINT_COLUMNS = ("endpoint_x", "endpoint_y")
 EXTENT_COLUMNS = ("x_min", "x_max", "y_min", "y_max")
 CONTROLLER_COLUMNS = ("controller_times", "target_q", "speed_scaling", "safety_bits")

@@ -28,7 +28,7 @@ from cablecast.errors import CablecastError, DatasetError, InputError, check_cou
 from cablecast.files import read_sealed
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.casting import cast_grip_paths
-from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_grid, feasible_ranges
+from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_actions, feasible_ranges
 from cablecast.runs.folder import plain_settings
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
@@ -96,7 +96,7 @@ def simulate_dataset(
     }
     path = pathlib.Path(path)
     # To choose the actions takes seconds, which a finished dataset need not spend.
-    chosen = functools.partial(feasible_grid, count, setup, ranges, seed)
+    chosen = functools.partial(feasible_actions, count, setup, ranges, seed)
     digest = _known_digest(path, settings) or actions_digest(chosen())
     writer = DatasetWriter(
         path,
@@ -166,7 +166,7 @@ def _simulate_remotely(
 
 
 def actions_digest(actions: Array) -> str:
-    """Return a fingerprint of actions, shape [action, 4]."""
+    """Return a fingerprint of actions, shape [action, 5]."""
     # Rounded, so that the last bits of another machine's mathematics do not matter.
     return hashlib.sha256(np.round(actions, 9).tobytes()).hexdigest()[:16]
 

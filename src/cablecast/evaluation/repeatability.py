@@ -245,7 +245,7 @@ def repeat_actions(
     action_count: int | None = None,
     seed: int = 0,
 ) -> NDArray[np.float64]:
-    """Return the feasible actions of the paper's grid, or some drawn at random, shape [action, 4].
+    """Return the feasible actions of the paper's grid, or some drawn at random, shape [action, 5].
 
     Raises:
         InputError: A count is out of bounds, or no action is feasible.
@@ -269,7 +269,7 @@ def measure_repeatability(
     repeats: int = REPEAT_COUNT,
     progress: ProgressCallback = ignore,
 ) -> Repeatability:
-    """Cast each action, shape [action, 4], several times, and measure the scatter of its landings.
+    """Cast each action, shape [action, 5], several times, and measure the scatter of its landings.
 
     Casts are stored as they are made. An interrupted run resumes; see `collect_dataset`. The rig is
     not closed.

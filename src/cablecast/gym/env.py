@@ -167,7 +167,7 @@ class CastTask:
         return self.space.to_params(cables)
 
     def to_actions(self, values: ArrayLike, target_xy: Array) -> Array:
-        """Return (theta1, theta2, r2, psi) from the environment's actions, shape [count, 4].
+        """Return (theta1, theta2, r2, psi) from the environment's actions, shape [count, 5].
 
         The targets [m], shape [count, 2], give the half of the table.
         """

@@ -19,6 +19,7 @@ from cablecast.files import library_versions
 from cablecast.learning.checkpoint import import_torch
 from cablecast.learning.kernel import matern
 from cablecast.learning.landing import (
+    FEATURE_COUNT,
     LandingModel,
     dataset_summary,
     error_metrics,
@@ -149,8 +150,8 @@ def train_gaussian_process(
     actions, endpoint_xy = dataset.actions[training], dataset.endpoint_xy[training]
     model = GaussianProcessModel(
         **normalization(actions, endpoint_xy),
-        inputs=np.empty((0, 4)),
-        length_scales=np.ones(4),
+        inputs=np.empty((0, FEATURE_COUNT)),
+        length_scales=np.ones(FEATURE_COUNT),
         coefficients=np.empty((0, 2)),
     ).with_margins(dataset)
     x = model.normalize(actions).astype(float)

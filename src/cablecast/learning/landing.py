@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.data.dataset import Dataset, StoredSettings
 from cablecast.errors import CheckpointError, InputError
 from cablecast.learning.checkpoint import Checkpoint, digest, read_checkpoint, write_checkpoint
-from cablecast.motion.action import ActionRanges
+from cablecast.motion.action import ACTION_SIZE, ActionRanges, action_rows
 from cablecast.motion.feasibility import feasible_ranges
 from cablecast.setup import Setup
 
-FEATURE_COUNT = 4
+FEATURE_COUNT = ACTION_SIZE
 
-DEVIATION = np.array([np.radians(1.0), np.radians(1.0), 0.01, np.radians(1.0)])
-"""Execution error assumed in (theta1, theta2, r2, psi): 1 degree and 1 cm."""
+DEVIATION = np.array([np.radians(1.0), np.radians(1.0), 0.01, np.radians(1.0), 0.01])
+"""Execution error assumed in (theta1, theta2, r2, psi, pace): 1 degree, 1 cm and 1 % of v_max."""
 
 # A spread below this is rounding; dividing by it would blow the rounding up.
 _SCALE_MIN = 1e-9
@@ -35,21 +35,21 @@ def action_features(actions: ArrayLike) -> NDArray[np.float64]:
     """Return the features of actions.
 
     psi is replaced by the turn of the wrist relative to the arm, psi - theta2. This turn swings the
-    cable after the arm has stopped and, unlike psi, does not vary along with theta2.
+    cable after the arm has stopped and, unlike psi, does not vary along with theta2. Of the pace
+    the logarithm is taken: what the cable slides by itself grows with a power of it.
 
     Args:
-        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+        actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [action, 5].
 
     Returns:
-        (theta1, theta2, r2, psi - theta2), shape [action, 4].
+        (theta1, theta2, r2, psi - theta2, log pace), shape [action, 5].
 
     Raises:
-        InputError: The array has another shape.
+        ActionError: The array has another shape.
     """
-    features = np.array(actions, dtype=float)
-    if features.ndim != 2 or features.shape[1] != FEATURE_COUNT:
-        raise InputError(f"actions have shape {features.shape}: it must be [action, 4]")
+    features = action_rows(actions).copy()
     features[:, 3] -= features[:, 1]
+    features[:, 4] = np.log(features[:, 4])
     return features
 
 
@@ -57,28 +57,32 @@ def deviations(actions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the perturbations by which the sensitivity of an action is measured.
 
     There is one for each variable. In an action set without psi, psi always equals theta2, so a
-    perturbation of theta2 includes psi and there is none of psi alone.
+    perturbation of theta2 includes psi and there is none of psi alone. Nor is there one of the pace
+    in a set of one pace.
 
     Args:
-        actions: All actions of the set, shape [action, 4].
+        actions: All actions of the set, shape [action, 5].
 
     Returns:
-        Changes of (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [change, 4].
+        Changes of (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [change, 5].
     """
     changes = np.diag(DEVIATION)
+    varies = np.ptp(actions, axis=0) > 0.0
+    varies[:3] = True
     if np.allclose(actions[:, 3], actions[:, 1], rtol=0.0, atol=1e-9):
         changes[1] += changes[3]
-        changes = changes[:3]
-    return changes
+        varies[3] = False
+    return changes[varies]
 
 
 def normalization(actions: NDArray[np.float64], endpoint_xy: NDArray[np.float64]) -> dict[str, Any]:
     """Return the means and scales of training rows, as arguments of a `LandingModel`.
 
-    A feature that does not vary has the scale 1: psi - theta2 in an action set without psi.
+    A feature that does not vary has the scale 1: psi - theta2 in an action set without psi, and the
+    pace in one of the paper's motions.
 
     Args:
-        actions: Training actions, shape [row, 4].
+        actions: Training actions, shape [row, 5].
         endpoint_xy: Their endpoints [m], shape [row, 2].
     """
     features = action_features(actions)
@@ -183,9 +187,9 @@ def central_shifts(
     """Return the change of a predicted endpoint for each change of an action.
 
     Args:
-        predict: Predicts endpoints [m], shape [row, 2], of actions, shape [row, 4].
-        actions: Actions, shape [action, 4].
-        changes: Perturbations of an action, see `deviations`, shape [change, 4].
+        predict: Predicts endpoints [m], shape [row, 2], of actions, shape [row, 5].
+        actions: Actions, shape [action, 5].
+        changes: Perturbations of an action, see `deviations`, shape [change, 5].
 
     Returns:
         Shift of the endpoint by central differences [m], shape [action, 2, change].
@@ -201,11 +205,11 @@ class LandingModel:
     """Predict the endpoint of a cast from its action.
 
     Attributes:
-        feature_mean: Mean of each feature over the training rows, shape [4].
-        feature_scale: Standard deviation of each feature, shape [4].
+        feature_mean: Mean of each feature over the training rows, shape [5].
+        feature_scale: Standard deviation of each feature, shape [5].
         endpoint_mean: Mean endpoint [m], shape [2].
         endpoint_scale: Scale of the endpoint [m], the same for x and y to preserve distances.
-        margin_features: Normalised features of the rows with a known table margin, shape [row, 4].
+        margin_features: Normalised features of the rows with a known table margin, shape [row, 5].
         margins: Least distance of the free end from the table's edges during these casts, negative
             where it left the table [m], shape [row].
         info: Configuration, metrics, learning curve, versions, and the settings and fingerprint of
@@ -230,7 +234,7 @@ class LandingModel:
         """Predict where the free end comes to rest.
 
         Args:
-            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+            actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [action, 5].
 
         Returns:
             Endpoints [m], shape [action, 2].
@@ -243,8 +247,8 @@ class LandingModel:
         """Return the change of the predicted endpoint for each change of an action.
 
         Args:
-            actions: Actions, shape [action, 4].
-            changes: Perturbations of an action, see `deviations`, shape [change, 4].
+            actions: Actions, shape [action, 5].
+            changes: Perturbations of an action, see `deviations`, shape [change, 5].
 
         Returns:
             Shift of the endpoint by central differences [m], shape [action, 2, change].
@@ -257,8 +261,8 @@ class LandingModel:
         """Return the root of the summed squared endpoint shifts of each action.
 
         Args:
-            actions: Actions, shape [action, 4].
-            changes: Perturbations of an action, see `deviations`, shape [change, 4].
+            actions: Actions, shape [action, 5].
+            changes: Perturbations of an action, see `deviations`, shape [change, 5].
 
         Returns:
             Sensitivity [m], shape [action].
@@ -308,7 +312,7 @@ class LandingModel:
         return digest(self.tensors())
 
     def normalize(self, actions: ArrayLike) -> NDArray[np.float32]:
-        """Return the normalised features of actions, shape [action, 4]."""
+        """Return the normalised features of actions, shape [action, 5]."""
         features = (action_features(actions) - self.feature_mean) / self.feature_scale
         return features.astype(np.float32)
 
@@ -323,7 +327,7 @@ class LandingModel:
         kinks where another edge becomes the nearest, which a small network would round off.
 
         Args:
-            actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [action, 4].
+            actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [action, 5].
 
         Returns:
             Margins [m], negative where the free end leaves the table, shape [action].

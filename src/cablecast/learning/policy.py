@@ -31,6 +31,8 @@ from cablecast.learning.gaussian_process import GaussianProcessModel
 from cablecast.learning.landing import LandingModel, deviations
 from cablecast.learning.network import ForwardModel
 from cablecast.motion.action import (
+    ACTION_SIZE,
+    PACE_BOUNDS,
     PSI_MAX,
     THETA_MAX,
     THETA_MIN,
@@ -39,7 +41,7 @@ from cablecast.motion.action import (
     mirror_actions,
     mirror_to_right,
 )
-from cablecast.motion.feasibility import check_actions, feasible_grid
+from cablecast.motion.feasibility import check_actions, feasible_actions
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.setup import Setup
@@ -53,8 +55,8 @@ class Plan:
     Attributes:
         setup: Set-up that the motions are planned for.
         target_xy: Targets [m], shape [target, 2].
-        actions: (theta1, theta2, r2, psi) [rad, rad, m, rad], shape [target, 4]; NaN for motions
-            without an action.
+        actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [target, 5]; NaN for
+            motions without an action.
         predicted_xy: Predicted landings [m], shape [target, 2].
         inside_coverage: Whether the target lies inside the policy's coverage, shape [target].
         sensitivity: Shift of the predicted landing for action errors of 1 degree and 1 cm [m],
@@ -75,7 +77,7 @@ class Plan:
         count = len(np.atleast_2d(self.target_xy))
         for name, shape, kind in (
             ("target_xy", (count, 2), float),
-            ("actions", (count, 4), float),
+            ("actions", (count, ACTION_SIZE), float),
             ("predicted_xy", (count, 2), float),
             ("inside_coverage", (count,), bool),
             ("sensitivity", (count,), float),
@@ -141,11 +143,11 @@ class Policy(Protocol):
 
 
 FORMAT = "cablecast.forward_search"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 POLICY_NAME = "policy.npz"
 
 ARRAY_SHAPES: dict[str, tuple[int, ...]] = {
-    "actions": (4,),
+    "actions": (ACTION_SIZE,),
     "predicted_xy": (2,),
     "sensitivity": (),
 }
@@ -259,16 +261,16 @@ def refine_actions(
     refined action, or the free end would leave the table, the action is left unchanged.
 
     Args:
-        actions: Feasible actions for either side, shape [target, 4].
+        actions: Feasible actions for either side, shape [target, 5].
         target_xy: Targets [m], shape [target, 2].
-        changes: Perturbations of an action, see `deviations`, shape [change, 4].
+        changes: Perturbations of an action, see `deviations`, shape [change, 5].
         model: Model of landings, valid for theta2 > 0.
         table_margin: Distance that the free end must keep within the table's edges [m].
         iterations: Number of Newton steps.
         fractions: Parts of the way that are tried in turn until the arm can follow.
 
     Returns:
-        Actions and their predicted landings [m], shapes [target, 4] and [target, 2].
+        Actions and their predicted landings [m], shapes [target, 5] and [target, 2].
     """
     start, side = mirror_to_right(actions)
     targets = mirror_xy(target_xy, side)
@@ -299,11 +301,12 @@ def refine_actions(
 
 
 def within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return actions to the right whose angles are clipped to their bounds."""
+    """Return actions to the right whose angles and pace are clipped to their bounds."""
     clipped = actions.copy()
     clipped[:, 0] = np.clip(actions[:, 0], -THETA_MAX, -THETA_MIN)
     clipped[:, 1] = np.clip(actions[:, 1], THETA_MIN, THETA_MAX)
     clipped[:, 3] = np.clip(actions[:, 3], clipped[:, 1], PSI_MAX)
+    clipped[:, 4] = np.clip(actions[:, 4], *PACE_BOUNDS)
     return clipped
 
 
@@ -344,7 +347,7 @@ class ForwardSearchPolicy:
 
     Attributes:
         model: Model that predicts the landings and refines the plans.
-        actions: Candidates that stay on the table, shape [candidate, 4].
+        actions: Candidates that stay on the table, shape [candidate, 5].
         predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
         sensitivity: Root of the summed squares of the landing's shifts for 1 degree of theta1, of
             theta2 and of psi and for 1 cm of r2 [m], shape [candidate].
@@ -381,7 +384,7 @@ class ForwardSearchPolicy:
             InputError: No candidate stays on the table.
         """
         ranges = model.action_ranges if ranges is None else ranges
-        actions = feasible_grid(candidate_count, model.setup, ranges, seed)
+        actions = feasible_actions(candidate_count, model.setup, ranges, seed)
         return cls.from_candidates(actions, model, table_margin, {"seed": seed})
 
     @classmethod
@@ -395,7 +398,7 @@ class ForwardSearchPolicy:
         """Predict the landings of given candidates; see `build`.
 
         Args:
-            actions: Candidates, shape [candidate, 4].
+            actions: Candidates, shape [candidate, 5].
             model: Model of landings, with its set-up.
             table_margin: Distance that the free end must keep within the table's edges [m].
             info: Additional entries of `info`.
@@ -612,7 +615,7 @@ class PaperPolicy(ForwardSearchPolicy):
         if "seed" not in info:
             raise InputError("equation 1 needs a policy whose candidates `train` has drawn")
         ranges = model.action_ranges
-        actions = feasible_grid(info["candidate_count"], policy.setup, ranges, info["seed"])
+        actions = feasible_actions(info["candidate_count"], policy.setup, ranges, info["seed"])
         predicted_xy, unknown = model.predict(actions), np.full(len(actions), np.nan)
         return cls(
             model=model,

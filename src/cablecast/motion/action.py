@@ -1,8 +1,10 @@
 """Actions of the casting motion, their ranges and grids.
 
-An action is (theta1, theta2, r2, psi). The gripper sweeps from straight ahead to theta1 and back to
-theta2 while its radius changes from r0 to r2. psi is the final heading of the cable at the gripper
-(paper, section V-B, equations 2 and 3). Batches are arrays of shape [action, 4].
+An action is (theta1, theta2, r2, psi, pace). The gripper sweeps from straight ahead to theta1 and
+back to theta2 while its radius changes from r0 to r2. psi is the final heading of the cable at the
+gripper (paper, section V-B, equations 2 and 3). The paper makes every motion as fast as v_max and
+the jerk of the set-up allow, a pace of 1; at another pace the same path takes 1 / pace as long.
+Batches are arrays of shape [action, 5]; without a pace, [action, 5], the paper's is meant.
 
 Models predict casts to the right; casts to the left are their mirror images. `side` is +1 for the
 right and -1 for the left.
@@ -16,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.errors import ActionError, InputError
 
-ACTION_NAMES = ("theta1", "theta2", "r2", "psi")
+ACTION_NAMES = ("theta1", "theta2", "r2", "psi", "pace")
+ACTION_SIZE = len(ACTION_NAMES)
 
 THETA_MIN = np.radians(0.5)
 """Smallest sweep [rad]; below it the reversal at theta1 is meaningless."""
@@ -26,6 +29,8 @@ R2_BOUNDS = (0.05, 5.0)
 """Bounds of the radius about the polar origin [m]; the feasibility check tests the arm's reach."""
 PSI_MAX = np.pi
 """Largest final heading of the cable [rad]."""
+PACE_BOUNDS = (0.05, 3.0)
+"""Bounds of the pace [-]; slower, a motion lasts longer than anybody waits."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,36 +42,38 @@ class Action:
         theta2: End of the second arc, on the other side of the workspace axis [rad].
         r2: Final radius about the polar origin [m].
         psi: Final heading of the cable at the gripper [rad]; theta2 if None (action set A1).
+        pace: Speed over that of the paper's motion along the same path [-].
     """
 
     theta1: float
     theta2: float
     r2: float
     psi: float | None = None
+    pace: float = 1.0
 
     def __post_init__(self):
         check_action_values(self.to_array()[None])
 
     def to_array(self) -> NDArray[np.float64]:
-        """Return (theta1, theta2, r2, psi), shape [4]."""
+        """Return (theta1, theta2, r2, psi, pace), shape [5]."""
         psi = self.theta2 if self.psi is None else self.psi
         try:
-            return np.array([self.theta1, self.theta2, self.r2, psi], dtype=float)
+            return np.array([self.theta1, self.theta2, self.r2, psi, self.pace], dtype=float)
         except (TypeError, ValueError):
             raise ActionError(f"{self!r} holds a value that is not a number") from None
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> "Action":
-        """Make an action from (theta1, theta2, r2) or (theta1, theta2, r2, psi)."""
+        """Make an action from (theta1, theta2, r2), with psi, or with psi and pace."""
         values = _numbers(values)
-        if values.shape not in ((3,), (4,)):
-            raise ActionError(f"an action has shape {values.shape}: it must be [3] or [4]")
+        if values.shape not in ((3,), (4,), (ACTION_SIZE,)):
+            raise ActionError(f"an action has shape {values.shape}: it must be [3], [4] or [5]")
         return cls(*(float(value) for value in values))
 
     def mirrored(self) -> "Action":
         """Return the action that lands mirrored about the workspace axis (section V-B)."""
         psi = None if self.psi is None else -self.psi
-        return Action(theta1=-self.theta1, theta2=-self.theta2, r2=self.r2, psi=psi)
+        return dataclasses.replace(self, theta1=-self.theta1, theta2=-self.theta2, psi=psi)
 
 
 def _numbers(values: ArrayLike) -> NDArray[np.float64]:
@@ -76,22 +83,35 @@ def _numbers(values: ArrayLike) -> NDArray[np.float64]:
         raise ActionError(f"{str(values)[:60]} holds a value that is not a number") from None
 
 
-def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
-    """Check a batch of actions and return it as an array.
+def action_rows(actions: ArrayLike) -> NDArray[np.float64]:
+    """Return a batch of actions as an array, shape [action, 5].
 
     Args:
-        actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
+        actions: theta1, theta2 [rad], r2 [m], psi [rad], pace [-], shape [action, 5]; or without
+            the pace, which is 1 then, shape [action, 5].
 
     Raises:
-        ActionError: A value is not finite or out of bounds, both arcs end on the same side, or psi
-            stops short of theta2.
+        ActionError: The array has another shape, or holds something else.
     """
     actions = _numbers(actions)
-    if actions.ndim != 2 or actions.shape[1] != len(ACTION_NAMES) or len(actions) == 0:
-        raise ActionError(
-            f"actions have shape {actions.shape}: it must be [action, 4] with at least one action"
-        )
-    theta1, theta2, r2, psi = actions.T
+    if actions.ndim != 2 or actions.shape[1] not in (ACTION_SIZE - 1, ACTION_SIZE):
+        raise ActionError(f"actions have shape {actions.shape}: it must be [action, 4 or 5]")
+    if actions.shape[1] == ACTION_SIZE:
+        return actions
+    return np.column_stack([actions, np.ones(len(actions))])
+
+
+def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
+    """Check a batch of actions and return it as `action_rows` does.
+
+    Raises:
+        ActionError: There is no action, a value is not finite or out of bounds, both arcs end on
+            the same side, or psi stops short of theta2.
+    """
+    actions = action_rows(actions)
+    if len(actions) == 0:
+        raise ActionError("there is no action: at least one is needed")
+    theta1, theta2, r2, psi, pace = actions.T
 
     def refuse(bad, describe):
         if np.any(bad):
@@ -133,19 +153,26 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
             f"{np.degrees(theta2[i]):.4g} deg and {np.degrees(side[i] * PSI_MAX):.4g} deg"
         ),
     )
+    refuse(
+        (pace < PACE_BOUNDS[0]) | (pace > PACE_BOUNDS[1]),
+        lambda i: f"pace = {pace[i]:.4g} is outside [{PACE_BOUNDS[0]:g}, {PACE_BOUNDS[1]:g}]",
+    )
     return actions
 
 
+_MIRRORED = np.array([True, True, False, True, False])
+
+
 def mirror_actions(actions: ArrayLike, side: ArrayLike = -1.0) -> NDArray[np.float64]:
-    """Mirror actions, shape [..., 4], about the workspace axis where `side`, shape [...], is -1."""
-    side = np.asarray(side, dtype=float)[..., None]
-    return np.asarray(actions, dtype=float) * np.where([True, True, False, True], side, 1.0)
+    """Mirror actions, shape [..., 5], about the workspace axis where `side`, shape [...], is -1."""
+    actions, side = np.asarray(actions, dtype=float), np.asarray(side, dtype=float)[..., None]
+    return actions * np.where(_MIRRORED[: actions.shape[-1]], side, 1.0)
 
 
 def mirror_to_right(
     actions: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return actions mirrored to theta2 > 0, shape [action, 4], and their sides, shape [action].
+    """Return actions mirrored to theta2 > 0, shape [action, 5], and their sides, shape [action].
 
     `mirror_actions(*mirror_to_right(actions))` gives back the actions.
     """
@@ -166,12 +193,14 @@ class ActionRanges:
         theta2: End of the second arc [rad].
         r2: Final radius about the polar origin [m].
         wrist: Wrist turn psi - theta2 [rad]; (0, 0) gives the action set A1.
+        pace: Speed over that of the paper's motion [-]; (1, 1) gives the paper's.
     """
 
     theta1: tuple[float, float] = (-float(np.radians(80)), -float(np.radians(5)))
     theta2: tuple[float, float] = (float(np.radians(5)), float(np.radians(80)))
     r2: tuple[float, float] = (0.35, 0.80)
     wrist: tuple[float, float] = (0.0, float(np.radians(90)))
+    pace: tuple[float, float] = (1.0, 1.0)
 
     def __post_init__(self):
         for name, low, high in (
@@ -179,6 +208,7 @@ class ActionRanges:
             ("theta2", THETA_MIN, THETA_MAX),
             ("r2", *R2_BOUNDS),
             ("wrist", 0.0, PSI_MAX),
+            ("pace", *PACE_BOUNDS),
         ):
             values = getattr(self, name)
             if len(values) != 2 or not low <= values[0] <= values[1] <= high:
@@ -192,15 +222,16 @@ class ActionRanges:
             )
 
     def to_array(self) -> NDArray[np.float64]:
-        """Return the ends of the ranges of theta1, theta2, r2 and the wrist turn, shape [4, 2]."""
-        return np.array([self.theta1, self.theta2, self.r2, self.wrist])
+        """Return the ends of theta1, theta2, r2, the wrist turn and the pace, shape [5, 2]."""
+        return np.array([self.theta1, self.theta2, self.r2, self.wrist, self.pace])
 
     def __str__(self) -> str:
         low, high = np.degrees([self.theta1, self.theta2, self.wrist]).T
+        slow = "" if self.pace == (1.0, 1.0) else ", a pace from {:.2g} to {:.2g}"
         return (
             f"theta1 from {low[0]:.0f} to {high[0]:.0f} deg, theta2 from {low[1]:.0f} to "
-            f"{high[1]:.0f} deg, r2 from {self.r2[0]:.2f} to {self.r2[1]:.2f} m and a wrist turn "
-            f"from {low[2]:.0f} to {high[2]:.0f} deg"
+            f"{high[1]:.0f} deg, r2 from {self.r2[0]:.2f} to {self.r2[1]:.2f} m"
+            f"{slow.format(*self.pace)} and a wrist turn from {low[2]:.0f} to {high[2]:.0f} deg"
         )
 
 
@@ -209,22 +240,31 @@ def grid_actions(ranges: ActionRanges, counts: Sequence[int]) -> NDArray[np.floa
 
     Args:
         ranges: Ranges of the grid, both ends included.
-        counts: Number of values of theta1, theta2, r2 and the wrist turn. Three counts mean
-            psi = theta2 (A1), as in the paper's 15 x 15 x 15. A count of one takes the middle of
-            its range.
+        counts: Number of values of theta1, theta2, r2, the wrist turn and the pace. Three counts
+            mean psi = theta2 (A1), as in the paper's 15 x 15 x 15; without the fifth the pace is
+            1. A count of one takes the middle of its range.
 
     Returns:
-        Actions, shape [action, 4]; theta1 varies slowest, psi fastest.
+        Actions, shape [action, 5]; theta1 varies slowest, the pace fastest.
     """
     counts = tuple(int(count) for count in counts)
-    if len(counts) not in (3, 4) or min(counts) < 1:
-        raise InputError(f"grid counts {counts} must be three or four positive numbers")
-    wrist = ranges.wrist if len(counts) == 4 else (0.0, 0.0)
+    if len(counts) not in (3, 4, 5) or min(counts) < 1:
+        raise InputError(f"grid counts {counts} must be three, four or five positive numbers")
+    bounds = ranges.to_array()
+    if len(counts) == 3:
+        bounds[3] = 0.0
+    if len(counts) < ACTION_SIZE:
+        bounds[4] = 1.0
     axes = [
         np.linspace(low, high, count) if count > 1 else np.array([(low + high) / 2])
-        for (low, high), count in zip(
-            (ranges.theta1, ranges.theta2, ranges.r2, wrist), (*counts, 1)[:4], strict=True
-        )
+        for (low, high), count in zip(bounds, (*counts, 1, 1)[:ACTION_SIZE], strict=True)
     ]
-    theta1, theta2, r2, turn = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
-    return np.stack([theta1, theta2, r2, theta2 + turn], axis=1)
+    grid = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    return with_psi(grid)
+
+
+def with_psi(actions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return actions whose psi was given as the turn of the wrist, psi - theta2, [action, 5]."""
+    found = actions.copy()
+    found[:, 3] += found[:, 1]
+    return found

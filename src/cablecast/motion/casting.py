@@ -114,14 +114,14 @@ class SweepPaths:
 
 
 def plan_sweeps(actions: ArrayLike, setup: Setup) -> SweepPaths:
-    """Plan casting motions of actions, shape [action, 4], in polar coordinates.
+    """Plan casting motions of actions, shape [action, 5], in polar coordinates.
 
     The limits of angular velocity and jerk are v_max and jerk divided by the largest radius. The
     radial motion adds to the speed. Where the sum could exceed v_max, the whole motion is slowed
-    down by the factor that keeps it below.
+    down by the factor that keeps it below, and then by the pace.
     """
     actions, config = check_action_values(actions), setup.motion
-    theta1, theta2, r2, psi = actions.T
+    theta1, theta2, r2, psi, pace = actions.T
     r_large = np.maximum(config.r0, r2)
     speed, jerk = config.v_max / r_large, config.jerk / r_large
     first = plan_profiles(theta1, speed, jerk)
@@ -136,7 +136,7 @@ def plan_sweeps(actions: ArrayLike, setup: Setup) -> SweepPaths:
     # upper bound of the linear speed.
     radial_peak = 1.5 * np.abs(r2 - config.r0) / (first.duration + second.duration)
     angular_peak = np.maximum(first.peak_velocity, second.peak_velocity)
-    factor = np.maximum(np.hypot(r_large * angular_peak, radial_peak) / config.v_max, 1.0)
+    factor = np.maximum(np.hypot(r_large * angular_peak, radial_peak) / config.v_max, 1.0) / pace
     return SweepPaths(
         origin_y=setup.workspace.reset_y - config.r0,
         r0=config.r0,
@@ -155,7 +155,7 @@ def cast_grip_paths(actions: ArrayLike, setup: Setup) -> GripPath:
     The height is the workspace's grip height, and the pitch is 0.
 
     Args:
-        actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
+        actions: theta1, theta2 [rad], r2 [m], psi [rad], pace [-], shape [action, 5].
         setup: Workspace and motion settings.
 
     Raises:

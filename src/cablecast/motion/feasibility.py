@@ -15,11 +15,13 @@ from cablecast.arm.base import Arm, JointMotion, LimitKind, limit_violations
 from cablecast.conventions import stream
 from cablecast.errors import InputError, check_count, check_seed
 from cablecast.motion.action import (
+    ACTION_SIZE,
     PSI_MAX,
     R2_BOUNDS,
     ActionRanges,
     check_action_values,
     grid_actions,
+    with_psi,
 )
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import DEGREE, GripPath
@@ -173,7 +175,7 @@ def check_actions(actions: ArrayLike, setup: Setup, *, both_sides: bool = True) 
     These are its reach and its joints, the table's near edge, and the box of its robot.
 
     Args:
-        actions: theta1, theta2 [rad], r2 [m], psi [rad], shape [action, 4].
+        actions: theta1, theta2 [rad], r2 [m], psi [rad], pace [-], shape [action, 5].
         setup: Arm and its limits, workspace, motion settings and robot.
         both_sides: Whether the mirror image of an action must be feasible too, so that it serves
             targets on either side.
@@ -201,13 +203,21 @@ _SWEEP = (float(np.radians(1.0)), float(np.radians(90.0)))
 _TURN = float(np.radians(90.0))
 # Least radius over the arm's reach, which keeps a folded elbow clear of the base.
 _FOLDED = 0.37
-_RANGE_COUNTS = (8, 8, 8, 4)
+_RANGE_COUNTS, _PACE_COUNT = (8, 8, 8, 4), 3
+
+
+def _pace_count(ranges: ActionRanges) -> int:
+    return 1 if ranges.pace[0] == ranges.pace[1] else _PACE_COUNT
+
+
 # Share of the feasible actions that lies beyond either end of a range: a few at the limits of speed
 # do not widen it to where hardly any motion is feasible.
 _RANGE_TAIL = 0.02
 
 
-def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
+def feasible_ranges(
+    setup: Setup, turns: bool = True, pace: tuple[float, float] = (1.0, 1.0)
+) -> ActionRanges:
     """Return the ranges of the motions that the arm can follow above the table.
 
     They bound the feasible actions of a grid, without the outermost 2 % on either side of each
@@ -215,20 +225,21 @@ def feasible_ranges(setup: Setup, with_psi: bool = True) -> ActionRanges:
 
     Args:
         setup: Arm, workspace and motion settings.
-        with_psi: Whether the wrist turns (action set A2 of the paper) or not (A1).
+        turns: Whether the wrist turns (action set A2 of the paper) or not (A1).
+        pace: Range of the pace [-]; the paper's alone by default.
 
     Raises:
         InputError: The arm can follow no such motion; the error names the limits that forbid it.
     """
-    return _find_ranges(setup, with_psi)
+    return _find_ranges(setup, turns, pace)
 
 
 @functools.lru_cache(maxsize=16)
-def _find_ranges(setup: Setup, with_psi: bool) -> ActionRanges:
-    widest = widest_ranges(setup).to_array()
+def _find_ranges(setup: Setup, turns: bool, pace: tuple[float, float]) -> ActionRanges:
+    widest = widest_ranges(setup, pace).to_array()
     box = widest
     for tail in (0.0, _RANGE_TAIL):
-        grid = grid_actions(_ranges(box), _RANGE_COUNTS)
+        grid = grid_actions(_ranges(box), (*_RANGE_COUNTS, _pace_count(_ranges(box))))
         found = check_actions(grid, setup)
         actions = grid[found.mask]
         if not len(actions):
@@ -238,32 +249,32 @@ def _find_ranges(setup: Setup, with_psi: bool) -> ActionRanges:
                 + _most_broken(found)
             )
         actions[:, 3] -= actions[:, 1]
-        step = 0.0 if tail else np.diff(box, axis=1) / (np.array(_RANGE_COUNTS)[:, None] - 1)
-        box = np.quantile(actions, [tail, 1.0 - tail], axis=0).T + step * np.array([-1.0, 1.0])
-        box = np.clip(box, widest[:, :1], widest[:, 1:])
-    if not with_psi:
+        box, last = box.copy(), box
+        step = 0.0 if tail else np.diff(last[:4], axis=1) / (np.array(_RANGE_COUNTS)[:, None] - 1)
+        ends = np.quantile(actions[:, :4], [tail, 1.0 - tail], axis=0).T
+        box[:4] = np.clip(ends + step * np.array([-1.0, 1.0]), widest[:4, :1], widest[:4, 1:])
+    if not turns:
         box[3] = 0.0
     return _ranges(box)
 
 
-def widest_ranges(setup: Setup) -> ActionRanges:
+def widest_ranges(setup: Setup, pace: tuple[float, float] = (1.0, 1.0)) -> ActionRanges:
     """Return the ranges beyond which no motion is looked for: to where the arm folds or ends."""
     workspace, r0 = setup.workspace, setup.motion.r0
     # The polar origin lies behind the base, or in front of it where this is negative.
     behind = r0 - workspace.reset_y
     low = max(R2_BOUNDS[0], _FOLDED * workspace.r_max + behind)
     high = min(workspace.r_max + abs(behind), R2_BOUNDS[1])
-    return _ranges(
-        np.array([(-_SWEEP[1], -_SWEEP[0]), _SWEEP, (low, max(low, high)), (0.0, _TURN)])
-    )
+    sweep = (-_SWEEP[1], -_SWEEP[0])
+    return _ranges(np.array([sweep, _SWEEP, (low, max(low, high)), (0.0, _TURN), pace]))
 
 
 def _ranges(box: NDArray[np.float64]) -> ActionRanges:
-    """Return the ranges within a box, shape [4, 2], whose psi keeps to its bound."""
+    """Return the ranges within a box, shape [5, 2], whose psi keeps to its bound."""
     box = box.copy()
     box[3, 0] = 0.0
     box[3, 1] = min(box[3, 1], PSI_MAX - box[1, 1])
-    names = ("theta1", "theta2", "r2", "wrist")
+    names = ("theta1", "theta2", "r2", "wrist", "pace")
     return ActionRanges(
         **{name: (float(low), float(high)) for name, (low, high) in zip(names, box, strict=True)}
     )
@@ -283,7 +294,7 @@ def _most_broken(found: Feasibility) -> str:
 
 
 def feasible_of_grid(counts: Sequence[int], setup: Setup) -> NDArray[np.float64]:
-    """Return the feasible actions of a `grid_actions` of the set-up's ranges, shape [action, 4]."""
+    """Return the feasible actions of a `grid_actions` of the set-up's ranges, shape [action, 5]."""
     check_count("grid size", math.prod(counts), 1, ACTION_COUNT_MAX)
     grid = grid_actions(feasible_ranges(setup), counts)
     actions = grid[check_actions(grid, setup).mask]
@@ -300,8 +311,9 @@ def feasible_grid(
 ) -> NDArray[np.float64]:
     """Return feasible actions from a grid, all with theta1 < 0 < theta2 <= psi.
 
-    The grid is just fine enough for the count. It has half as many wrist turns as values of the
-    other variables (the paper's 10 x 10 x 10 x 5). Surplus feasible actions are dropped at random.
+    The grid is just fine enough for the count. It has half as many wrist turns, and paces, as
+    values of the other variables (the paper's 10 x 10 x 10 x 5). Surplus feasible actions are
+    dropped at random.
 
     Args:
         count: Number of actions.
@@ -310,7 +322,7 @@ def feasible_grid(
         seed: Seed for the random choice.
 
     Returns:
-        Actions in grid order, shape [count, 4].
+        Actions in grid order, shape [count, 5].
 
     Raises:
         InputError: The count is not positive, or no action within the ranges is feasible.
@@ -324,7 +336,7 @@ def feasible_grid(
 # All policies of a set-up have the same candidates, which take seconds to find.
 @functools.lru_cache(maxsize=4)
 def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDArray[np.float64]:
-    probe = check_actions(grid_actions(ranges, (7, 7, 7, 3)), setup)
+    probe = check_actions(grid_actions(ranges, (7, 7, 7, 3, _pace_count(ranges))), setup)
     share = float(np.mean(probe.mask))
     if share == 0.0:
         raise InputError(f"the arm can follow no action with {ranges}: {_most_broken(probe)}")
@@ -339,13 +351,31 @@ def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDA
     return actions[np.sort(chosen)]
 
 
+def feasible_actions(
+    count: int, setup: Setup, ranges: ActionRanges, seed: int = 0
+) -> NDArray[np.float64]:
+    """Return actions that cover ranges: a grid, as in the paper, or drawn where the pace varies.
+
+    A grid of five variables has few values of each.
+    """
+    if _pace_count(ranges) == 1:
+        return feasible_grid(count, setup, ranges, seed)
+    return _find_uniform(count, setup, ranges, seed).copy()
+
+
+# All policies of a set-up have the same candidates, which take seconds to find.
+@functools.lru_cache(maxsize=4)
+def _find_uniform(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDArray[np.float64]:
+    return feasible_uniform(count, setup, ranges, seed)
+
+
 def feasible_uniform(
     count: int, setup: Setup, ranges: ActionRanges | None = None, seed: int = 0
 ) -> NDArray[np.float64]:
     """Return feasible actions drawn uniformly from the ranges (section V-C).
 
-    theta1, theta2, r2 and the wrist turn are drawn uniformly; actions that violate a limit are
-    redrawn. A larger count starts with the actions of a smaller one.
+    theta1, theta2, r2, the wrist turn and the pace are drawn uniformly; actions that violate a
+    limit are redrawn. A larger count starts with the actions of a smaller one.
 
     Args:
         count: Number of actions.
@@ -354,17 +384,15 @@ def feasible_uniform(
         seed: Seed for the draws.
 
     Returns:
-        Actions in drawing order, shape [count, 4].
+        Actions in drawing order, shape [count, 5].
     """
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
     ranges = ranges or feasible_ranges(setup)
-    bounds = ranges.to_array()
     rng = stream(seed, "feasible actions")
-    chosen = np.empty((0, 4))
+    chosen = np.empty((0, ACTION_SIZE))
     for draw in itertools.count():
-        actions = rng.uniform(bounds[:, 0], bounds[:, 1], size=(_UNIFORM_DRAWS, 4))
-        actions[:, 3] += actions[:, 1]
+        actions = uniform_actions(ranges, _UNIFORM_DRAWS, rng)
         feasible = actions[check_actions(actions, setup).mask]
         chosen = np.concatenate([chosen, feasible])
         if len(chosen) >= count:
@@ -377,18 +405,30 @@ def feasible_uniform(
     )
 
 
-def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, int, int, int]:
-    """Return the counts of the smallest n x n x n x n/2 grid with at least `size` actions."""
-    free = [low < high for low, high in (ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist)]
+def uniform_actions(
+    ranges: ActionRanges, count: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return actions drawn from ranges, which the arm may not be able to follow, [count, 5]."""
+    bounds = ranges.to_array()
+    actions = np.empty((count, ACTION_SIZE))
+    actions[:, :4] = rng.uniform(bounds[:4, 0], bounds[:4, 1], size=(count, 4))
+    low, high = ranges.pace
+    actions[:, 4] = rng.uniform(low, high, count) if low < high else high
+    return with_psi(actions)
+
+
+def _grid_counts(ranges: ActionRanges, size: float) -> tuple[int, ...]:
+    """Return the counts of the smallest n x n x n x n/2 x n/2 grid with at least `size` actions."""
+    free = [low < high for low, high in ranges.to_array()]
     n = 1
     while True:
         # Grow one axis at a time to exceed the size by as little as possible.
         for grown in range(4):
             per_axis = [n + (axis < grown) for axis in range(3)]
-            per_axis.append(max((n + 1) // 2, 1))
+            per_axis += [max((n + 1) // 2, 1)] * 2
             counts = [c if is_free else 1 for c, is_free in zip(per_axis, free, strict=True)]
             if np.prod(counts) >= size or not any(free):
-                return counts[0], counts[1], counts[2], counts[3]
+                return tuple(counts)
         n += 1
 
 

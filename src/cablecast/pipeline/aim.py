@@ -37,7 +37,7 @@ from cablecast.evaluation.evaluate import (
 from cablecast.files import write_bytes, write_text
 from cablecast.learning.checkpoint import check_device, import_torch
 from cablecast.learning.policy import COVERAGE_PCT, ForwardSearchPolicy
-from cablecast.motion.feasibility import feasible_grid, feasible_ranges
+from cablecast.motion.feasibility import feasible_actions, feasible_ranges
 from cablecast.pipeline.collect import collect
 from cablecast.pipeline.evaluate import REPORT_FILE, TRIALS_FILE
 from cablecast.pipeline.places import require
@@ -296,6 +296,7 @@ def _calibration_casts(
         count=count,
         sampling="spread",
         seed=(config.seed + second) % (SEED_MAX + 1),
+        pace=config.pace,
         dynamics=None if tuned is None else tuned.dynamics,
         out=path,
         progress=progress,
@@ -323,7 +324,8 @@ def _get_ready(setup: Setup, config: AimConfig) -> None:
         # Those of the model keep to no robot's box yet.
         bare = Setup.from_dict(setup.to_settings())
         for count, one in ((config.simulated_count, setup), (config.candidate_count, bare)):
-            feasible_grid(count, one, feasible_ranges(one), config.seed)
+            ranges = feasible_ranges(one, pace=config.pace)
+            feasible_actions(count, one, ranges, config.seed)
 
 
 def _later_model(
@@ -431,6 +433,7 @@ class _Learning:
             self.setup,
             tuned,
             count=config.simulated_count,
+            pace=config.pace,
             out=None if folder is None else folder / DATASET_FOLDER,
             **{name: value for name, value in self._resolution.items() if value is not None},
             **shared,

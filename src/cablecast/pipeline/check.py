@@ -22,6 +22,7 @@ from cablecast.motion.feasibility import (
     Feasibility,
     check_actions,
     feasible_uniform,
+    uniform_actions,
     widest_ranges,
 )
 from cablecast.pipeline.places import require
@@ -292,9 +293,7 @@ def _draw(setup: Setup, count: int, seed: int) -> tuple[Array, Feasibility]:
     Raises:
         InputError: It can follow none; the error names the limit.
     """
-    box = widest_ranges(setup).to_array()
-    drawn = stream(seed, "check").uniform(box[:, 0], box[:, 1], (_DRAWS * count, 4))
-    drawn[:, 3] += drawn[:, 1]
+    drawn = uniform_actions(widest_ranges(setup), _DRAWS * count, stream(seed, "check"))
     found = check_actions(drawn, setup)
     actions = drawn[found.mask][:count]
     return (actions if len(actions) else feasible_uniform(1, setup, seed=seed)), found

@@ -44,6 +44,7 @@ def collect(
     count: int | None = None,
     sampling: AnySampling | None = None,
     psi: bool = True,
+    pace: tuple[float, float] = (1.0, 1.0),
     seed: int = 0,
     dynamics: Dynamics | None = None,
     out: str | os.PathLike[str] | None = None,
@@ -62,6 +63,7 @@ def collect(
         sampling: Choice of actions: "uniform" over their ranges, on a "grid", or "spread", so that
             the simulated landings are spread over the table; as in the paper where None.
         psi: Whether the wrist turns (the action set A2 of the paper).
+        pace: Range of the pace [-]; the paper's alone by default.
         seed: Seed of the actions.
         dynamics: Fit whose landings are spread over the table; the believed cable where None.
         out: Folder that keeps the casts and lets a stopped run go on; none where None.
@@ -82,7 +84,7 @@ def collect(
         progress(Progress(task=f"Checking {setup.cable.name}", note=found.summary))
         if how == "spread" and not found.reaches_anything:
             raise InputError(check(setup).refusal())
-    ranges = feasible_ranges(setup, psi)
+    ranges = feasible_ranges(setup, psi, pace)
     given = None
     if how == "spread":
         given = choose_actions(how, purpose, count, setup, ranges, seed, dynamics)
@@ -138,7 +140,7 @@ def choose_actions(
     seed: int,
     dynamics: Dynamics | None = None,
 ) -> NDArray[np.float64]:
-    """Return the actions of a collection, in the order in which they are made, shape [action, 4].
+    """Return the actions of a collection, in the order in which they are made, shape [action, 5].
 
     Raises:
         InputError: Too few actions stay on the table.

@@ -88,7 +88,7 @@ def repeat(
         repeats: Casts of each action.
         action_count: Number of actions of each of the paper's grids, chosen by chance; all that the
             arm can make where None.
-        actions: Actions to repeat instead, shape [action, 4].
+        actions: Actions to repeat instead, shape [action, 5].
         seed: Seed of the choice of actions.
         out: Folder that keeps the casts, a table of the actions and a picture, and lets a stopped
             run go on; none where None.
@@ -206,7 +206,7 @@ def _drawn(
 
 
 def read_actions(path: str | os.PathLike[str]) -> Array:
-    """Return the actions of a CSV file, shape [action, 4]."""
+    """Return the actions of a CSV file, shape [action, 5]."""
     actions = np.array(read_numbers(os.fspath(path), _ACTION_COLUMNS, 1))
     actions[:, [0, 1, 3]] = np.radians(actions[:, [0, 1, 3]])
     return check_action_values(actions)

@@ -25,6 +25,7 @@ def simulate(
     *,
     count: int = SIMULATED_COUNT,
     psi: bool = True,
+    pace: tuple[float, float] = (1.0, 1.0),
     seed: int = 0,
     engine: EngineName = "warp",
     segment_count: int | None = None,
@@ -45,6 +46,7 @@ def simulate(
             The cable's own parameters and an arm without lag where None.
         count: Number of casts.
         psi: Whether the wrist turns (the action set A2 of the paper).
+        pace: Range of the pace [-]; the paper's alone by default.
         seed: Seed of the actions. The same seed gives the same dataset.
         engine: Simulator, see `make_engine`.
         segment_count: Segments of the simulated cable; the engine's default where None.
@@ -70,7 +72,7 @@ def simulate(
             simulator,
             count=count,
             seed=seed,
-            ranges=feasible_ranges(setup, psi),
+            ranges=feasible_ranges(setup, psi, pace),
             workers=workers,
             progress=progress,
         )

@@ -40,7 +40,7 @@ def spread_actions(
     seed: int = 0,
     dynamics: Dynamics | None = None,
 ) -> NDArray[np.float64]:
-    """Choose actions whose simulated landings are spread over the table, shape [count, 4].
+    """Choose actions whose simulated landings are spread over the table, shape [count, 5].
 
     They go to the right and to the left by turns, and are from ranges that suit the set-up where
     none are given. The landings are those of the believed cable where no dynamics are given.
