@@ -6,8 +6,8 @@ from typing import Literal
 from cablecast.errors import InputError, check_count, check_number, check_seed
 
 PACES = (0.2, 1.25)
-"""Range of the pace of a cast [-]: slower ones land where the slowest does, and take longer. What an
-arm cannot follow is not chosen."""
+"""Range of the pace of a cast [-]: slower ones land where the slowest does, and take longer. None
+is chosen that the arm cannot follow."""
 
 COUNT_MAX = 1_000_000
 """Most casts, simulated casts or candidates of one session."""

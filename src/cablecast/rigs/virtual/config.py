@@ -43,12 +43,12 @@ class TrialNoise:
         encoder: Error of a reported joint angle [rad].
     """
 
-    reset: float = 1.25
+    reset: float = 1.1
     tip_roll: float = 0.2
     curl: float = 0.1
-    friction: float = 0.035
-    servo: float = 0.08
-    torque: float = 0.02
+    friction: float = 0.028
+    servo: float = 0.04
+    torque: float = 0.01
     latency: float = 5e-4
     encoder: float = 5e-5
 
