@@ -26,8 +26,9 @@ from cablecast.motion.feasibility import feasible_uniform
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
 
-USUAL_FRICTION = 1.7
-"""Shift of a usual landing per relative change of the friction [cable lengths]."""
+USUAL_FRICTION, DELICATE = 1.7, 0.065
+"""Shift of the landing per relative change of the friction [cable lengths], where 1 degree, 1 cm
+and 1 % of the pace together shift it by so many cable lengths. It grows with the square of that."""
 
 SPREAD_COUNT = 240
 """Simulated casts that tell how far apart the simulators of an ensemble usually land."""
@@ -36,7 +37,7 @@ _SPREAD_SEED = 7
 # Casts that a predictor for one target is conditioned on at most.
 _NEAR_COUNT = 20
 # Shares of a usual cast's variance that go with the action and with the friction.
-_ACTION_SHARE, _FRICTION_SHARE = 0.3, 0.7
+_ACTION_SHARE, _FRICTION_SHARE = 0.1, 0.9
 _SCATTER_MIN = 1e-6
 # Candidates of the policy that tell the local size.
 _SIZE_COUNT = 400
@@ -59,8 +60,8 @@ class Candidates(ArrayRows):
             [-], shape [action].
         log_sizes: Logarithm of the size of a miss over the usual one, NaN where there is no
             ensemble, shape [action].
-        frictions: Shift of the landing per relative change of the friction, a usual one where there
-            is no ensemble [cable lengths], shape [action].
+        frictions: Shift of the landing per relative change of the friction, estimated from the
+            sensitivity to the action where there is no ensemble [cable lengths], shape [action].
     """
 
     actions: _Array
@@ -71,15 +72,19 @@ class Candidates(ArrayRows):
     frictions: _Array
 
     @classmethod
-    def unsimulated(cls, actions: _Array, side: _Array) -> "Candidates":
-        """Return candidates that no ensemble has simulated."""
+    def unsimulated(cls, actions: _Array, side: _Array, sensitivity: _Array) -> "Candidates":
+        """Return candidates that no ensemble has simulated.
+
+        `sensitivity` is the shift of the landing for small changes of the action [cable lengths],
+        shape [action].
+        """
         return cls(
             actions=actions,
             side=side,
             shifts=np.zeros((len(actions), 2)),
             leaving=np.zeros(len(actions)),
             log_sizes=np.full(len(actions), np.nan),
-            frictions=np.full(len(actions), USUAL_FRICTION),
+            frictions=USUAL_FRICTION * (sensitivity / DELICATE) ** 2,
         )
 
     def at(self, actions: _Array) -> "Candidates":
@@ -197,8 +202,8 @@ class Beliefs:
 
     @functools.cached_property
     def usual_sensitivity(self) -> float:
-        """Sensitivity of a usual landing to these changes."""
-        return float(np.median(self.policy.sensitivity))
+        """Sensitivity of a usual landing to these changes [m]."""
+        return DELICATE * self.length
 
     def sensitivities(self, actions: _Array) -> _Array:
         """Return sensitivities of the landing to actions to the right over the usual, [action]."""
@@ -235,9 +240,10 @@ class Beliefs:
     def policy_candidates(self) -> tuple[Candidates, _Array, Places]:
         """The policy's candidates, their simulated landings to the right [m], and their places."""
         actions, side = mirror_to_right(self.policy.actions)
-        candidates = Candidates.unsimulated(actions, side)
+        shift = self.policy.sensitivity
+        candidates = Candidates.unsimulated(actions, side, shift / self.length)
         simulated_xy = mirror_xy(self.policy.predicted_xy, side)
-        sensitivity = self.policy.sensitivity / self.usual_sensitivity
+        sensitivity = shift / self.usual_sensitivity
         return candidates, simulated_xy, self.places(candidates, simulated_xy, sensitivity)
 
 
@@ -364,7 +370,8 @@ class LandingPredictor:
     def evaluate(self, actions: _Array, side: _Array) -> Candidates:
         """Return candidates with what the ensemble says of them, if there is one."""
         if self.ensemble is None:
-            return Candidates.unsimulated(actions, side)
+            shift = self.beliefs.model.sensitivity(actions, self.beliefs.changes)
+            return Candidates.unsimulated(actions, side, shift / self.beliefs.length)
         found = self.ensemble.evaluate(actions, side)
         shifts = (found.landing_xy - self.beliefs.model.predict(actions)) / self.beliefs.length
         return Candidates(

@@ -1,11 +1,13 @@
 """The choice of a cast: beliefs and casts in, a proposal out.
 
 A `LandingPredictor` says where a cast is expected to land, and how surely, from simulators and from
-all real casts so far. For a target, `propose` takes the action with the least expected loss, from
-the distance left, the uncertainty of the prediction, the scatter of the action, and the chance of a
-cast that ends out of sight. After a cast near a target the process is almost certain there, so the
-next action is a small step from the last one, damped by the scatter as in a Kalman filter. An
-action that scatters more than expected, or stays far off, loses this advantage to others.
+all real casts so far. For a target, `propose` takes the action with the least expected loss, in
+this cast and the next, from the distance left, the uncertainty of the prediction, the scatter of
+the action, and the chance of a cast that ends out of sight. So calm casts, which a small change of
+the friction hardly moves, are taken where they reach. After a cast near a target the process is
+almost certain there, so the next action is a small step from the last one, damped by the scatter as
+in a Kalman filter. An action that scatters more than expected, or stays far off, loses this
+advantage to others.
 """
 
 import numpy as np
@@ -43,6 +45,11 @@ _BLIND_MARGINS = (0.02, 0.06)
 
 NEAR = 0.08
 """Miss beyond which it hardly matters how large a miss is [cable lengths]."""
+
+NEXT_NEAR, LEFT = 0.04, 0.15
+"""The same for the cast after the proposed one, and the share of the variance of the prediction
+that it is expected to leave [-]. What a cast teaches of the cable corrects the next; what equal
+casts scatter by stays, and where no calm cast reaches no correction will."""
 
 CAMERA_HEIGHT = 2.2
 """Height of a camera above the middle of the table, where its place is not known [m]."""
@@ -126,7 +133,8 @@ def _risks(
     """
     setup, side = predictor.beliefs.policy.setup, candidates.side
     places, landing_xy, variance = predictor.expected(candidates)
-    variance = variance + predictor.experience.scatter(places)
+    scatter = predictor.experience.scatter(places)
+    left, variance = LEFT * variance + 2.0 * scatter, variance + scatter
     length = predictor.beliefs.length
     distance = np.linalg.norm(landing_xy - mirror_xy(target, side), axis=1) / length
     motions = mirror_actions(candidates.actions, side)
@@ -135,7 +143,8 @@ def _risks(
     )
     seen = (1.0 - lost) * (1.0 - candidates.leaving)
     failure = 1.0 - seen * (1.0 - predictor.experience.failure_chance(places))
-    risk = expected_loss(distance, variance, failure)
+    risk = 0.5 * expected_loss(distance, variance, failure)
+    risk += 0.5 * expected_loss(distance, left, failure, NEXT_NEAR)
     margin = predictor.beliefs.model.predict_margin(candidates.actions)
     # An action of an earlier cast may be beyond the arm's limits.
     feasible = check_actions(candidates.actions, setup).mask
@@ -215,14 +224,14 @@ def _shortlist(predictor: LandingPredictor, target: _Array, tried: bool) -> Cand
     near = np.argsort(distance)[:count]
     near_places = places[near]
     near_places.inputs[:, -1] = side[near]
-    mean = predictor.experience.residual.means(near_places)
+    mean, variance = predictor.experience.residual.predict(near_places)
     expected_xy = simulated_xy[near] + predictor.beliefs.length * mean
     distance = np.linalg.norm(expected_xy - goals[near], axis=1) / predictor.beliefs.length
     # Of those that are near enough to be moved onto the target, the calm ones.
-    distance = np.hypot(distance, np.sqrt(2.0 * predictor.experience.scatter(near_places)))
+    square = distance**2 + 2.0 * (variance + predictor.experience.scatter(near_places))
     earlier = _earlier_actions(predictor, target)
     few = predictor.ensemble is None or (tried and len(earlier) > 0)
-    short = near[np.argsort(distance)[: _SHORTLIST_COUNT if few else _SIMULATED_COUNT]]
+    short = near[np.argsort(square)[: _SHORTLIST_COUNT if few else _SIMULATED_COUNT]]
     chosen = predictor.evaluate(candidates.actions[short], side[short])
     if len(chosen) > _SHORTLIST_COUNT:
         chosen = _least_missing(predictor, chosen, target)
@@ -252,11 +261,14 @@ def _earlier_actions(predictor: LandingPredictor, target: _Array) -> _Array:
 
 
 def expected_loss(
-    distance: NDArray[np.float64], variance: NDArray[np.float64], failure: NDArray[np.float64]
+    distance: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    failure: NDArray[np.float64],
+    near: float = NEAR,
 ) -> NDArray[np.float64]:
     """Return the expected loss of casts.
 
-    The loss of a miss m is 1 - exp(-m² / (2 w²)) with w = `NEAR`, and 1 for a cast without a
+    The loss of a miss m is 1 - exp(-m² / (2 w²)) with w = `near`, and 1 for a cast without a
     landing. Small misses count by their square, as in a Kalman filter. A large miss that is certain
     counts for as much as one that is only possible: it is no reason to stay.
 
@@ -264,10 +276,11 @@ def expected_loss(
         distance: Distance from expected landing to target [cable lengths], shape [action].
         variance: Variance of the landing along each axis [square cable lengths], shape [action].
         failure: Chance of a cast without a landing [-], shape [action].
+        near: Miss beyond which it hardly matters how large a miss is [cable lengths].
     """
-    width = NEAR**2 + variance
-    near = NEAR**2 / width * np.exp(-(distance**2) / (2.0 * width))
-    return 1.0 - (1.0 - failure) * near
+    width = near**2 + variance
+    gain = near**2 / width * np.exp(-(distance**2) / (2.0 * width))
+    return 1.0 - (1.0 - failure) * gain
 
 
 def lost_chance(

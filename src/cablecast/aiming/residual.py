@@ -51,7 +51,7 @@ LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 1.2, 3.0])
 """Length scales of the process along the normalised features of the action, the normalised
 landing, and the side (+1 right, -1 left), which is 2 from one to the other."""
 
-FRICTION_SIZE, FRICTION_REACH = 0.017, 3.0
+FRICTION_SIZE, FRICTION_REACH = 0.05, 3.0
 """Usual standard deviation of h along each of x and y, as a relative change of the friction, and
 its length scales over those of g. It stands for all errors that are magnified as friction's are."""
 
@@ -72,7 +72,7 @@ class ResidualScales:
     """
 
     amplitude: float = 0.055
-    noise: float = 0.017
+    noise: float = 0.04
     length: float = 0.8
     power: float = 0.9
     friction: float = FRICTION_SIZE
