@@ -29,6 +29,7 @@ from cablecast.evaluation.repeatability import (
     repeat_actions,
 )
 from cablecast.files import read_csv
+from cablecast.motion.action import ACTION_SIZE
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
@@ -204,7 +205,7 @@ def real_row(real_cable: str) -> tuple:
             landings.setdefault(target, []).append(landed)
     cable = dataclasses.replace(Setup().cable, length=REAL_CABLE_LENGTHS[real_cable])
     # The landings are known, the actions are not.
-    unknown = np.full(4, np.nan)
+    unknown = np.full(ACTION_SIZE, np.nan)
     result = Repeatability(
         setup=Setup(cable=cable),
         actions=tuple(

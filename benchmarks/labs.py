@@ -29,7 +29,7 @@ from cablecast.cable import KIND_NAMES
 from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
 from cablecast.motion.casting import cast_grip_paths
-from cablecast.motion.feasibility import check_actions, widest_ranges
+from cablecast.motion.feasibility import check_actions, uniform_actions, widest_ranges
 from cablecast.report.words import stop_text
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.folder import Parts
@@ -93,12 +93,10 @@ def truth_of(setup: cc.Setup, seed: int) -> cc.CableParams:
 
 def brute_force(setup: cc.Setup, truth: cc.CableParams) -> NDArray[np.float64]:
     """Return where random casts of the true cable that stay on the table land, [cast, 2]."""
-    box = widest_ranges(setup).to_array()
     rng, engine = np.random.default_rng(0), cc.EngineWarp(segment_count=SEGMENT_COUNT, dt=DT)
     landed, count = [np.empty((0, 2))], 0
     for _ in range(20 * BRUTE_COUNT // BRUTE_CHUNK):
-        actions = rng.uniform(box[:, 0], box[:, 1], (BRUTE_CHUNK, 4))
-        actions[:, 3] += actions[:, 1]
+        actions = uniform_actions(widest_ranges(setup), BRUTE_CHUNK, rng)
         actions = actions[check_actions(actions, setup).mask]
         if not len(actions):
             continue

@@ -29,7 +29,7 @@ from cablecast.aiming.predictor import log_scatters
 from cablecast.cast import TrialStatus
 from cablecast.cli.progress import console_progress
 from cablecast.errors import JointLimitError
-from cablecast.motion.action import Action, ActionRanges, mirror_to_right
+from cablecast.motion.action import ACTION_SIZE, Action, ActionRanges, mirror_to_right
 from cablecast.motion.feasibility import feasible_ranges, feasible_uniform
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.runs.progress import Progress
@@ -215,9 +215,9 @@ def stencils(setup: Setup, count: int, seed: int) -> NDArray[np.float64]:
     theta1, theta2, r2, wrist = ((float(low), float(high)) for low, high in inner)
     within = ActionRanges(theta1=theta1, theta2=theta2, r2=r2, wrist=wrist)
     actions = feasible_uniform(count, setup, within, seed=seed)
-    steps = np.diag(STEP * np.diff(bounds)[:, 0])
+    steps = STEP * np.diff(bounds) * np.eye(len(bounds), ACTION_SIZE)
     steps[1, 3] = steps[1, 1]
-    around = np.concatenate([np.zeros((1, 4)), steps, -steps])
+    around = np.concatenate([np.zeros((1, ACTION_SIZE)), steps, -steps])
     return actions[:, None] + around
 
 

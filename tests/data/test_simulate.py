@@ -28,7 +28,7 @@ FILE_COUNT = SHARD_COUNT + 4
 
 def test_rows_hold_the_action_and_where_its_motion_lands(unbroken):
     dataset = read_dataset(unbroken)
-    _, theta2, r2, psi = dataset.actions.T
+    _, theta2, r2, psi, _ = dataset.actions.T
     landing = np.stack(
         [
             r2 * np.sin(theta2) + CABLE.length * np.sin(psi),

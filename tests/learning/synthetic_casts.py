@@ -6,7 +6,9 @@ import numpy as np
 
 from cablecast.data.dataset import Dataset
 from cablecast.learning.gaussian_process import GaussianProcessModel
+from cablecast.learning.landing import FEATURE_COUNT
 from cablecast.learning.network import ForwardModel
+from cablecast.motion.action import action_rows, with_psi
 from cablecast.setup import Setup
 
 SETUP = Setup()
@@ -14,17 +16,16 @@ CABLE = SETUP.cable
 
 
 def random_actions(count, seed):
-    """Actions from the whole range of the right half of the table, shape [count, 4]."""
+    """Actions from the whole range of the right half of the table, shape [count, 5]."""
     low, high = np.radians([-80, 5, 0, 0]), np.radians([-5, 80, 0, 90])
     low[2], high[2] = 0.35, 0.8
     actions = np.random.default_rng(seed).uniform(low, high, (count, 4))
-    actions[:, 3] += actions[:, 1]
-    return actions
+    return action_rows(with_psi(actions))
 
 
 def smooth_map(actions):
     """Return where a stick at the end of the arm lands; it lags more in wider swings of theta1."""
-    theta1, theta2, r2, psi = actions.T
+    theta1, theta2, r2, psi, _ = actions.T
     heading = psi + 0.3 * np.sin(2 * theta1) * r2
     x = r2 * np.sin(theta2) + CABLE.length * np.sin(heading)
     y = r2 * np.cos(theta2) + CABLE.length * np.cos(heading)
@@ -62,8 +63,8 @@ def network(widths, seed=0, info=None):
     )
     return ForwardModel(
         weights=weights,
-        feature_mean=np.array([-0.74, 0.74, 0.575, 0.79]),
-        feature_scale=np.array([0.38, 0.38, 0.13, 0.45]),
+        feature_mean=np.array([-0.74, 0.74, 0.575, 0.79, 0.0]),
+        feature_scale=np.array([0.38, 0.38, 0.13, 0.45, 1.0]),
         endpoint_mean=np.array([0.6, 0.7]),
         endpoint_scale=0.3,
         info=info or {},
@@ -80,11 +81,11 @@ def plain_model(*layers, setup=SETUP, **changes):
             (np.array(matrix, dtype=np.float32), np.array(offset, dtype=np.float32))
             for matrix, offset in layers
         ),
-        "feature_mean": np.zeros(4),
-        "feature_scale": np.ones(4),
+        "feature_mean": np.zeros(FEATURE_COUNT),
+        "feature_scale": np.ones(FEATURE_COUNT),
         "endpoint_mean": np.zeros(2),
         "endpoint_scale": 1.0,
-        "margin_features": np.zeros((1, 4), dtype=np.float32),
+        "margin_features": np.zeros((1, FEATURE_COUNT), dtype=np.float32),
         "margins": np.ones(1, dtype=np.float32),
         "info": {"dataset": {"settings": setup.to_settings(), "fingerprint": "f00d"}},
     }
@@ -93,7 +94,7 @@ def plain_model(*layers, setup=SETUP, **changes):
 
 def linear_model(slope=0.05, **changes):
     """Return a model that lands at (0.9 theta2 - 0.2, 0.6 + r2 + slope * wrist)."""
-    matrix = [[0.0, 0.0], [0.9, 0.0], [0.0, 1.0], [0.0, slope]]
+    matrix = [[0.0, 0.0], [0.9, 0.0], [0.0, 1.0], [0.0, slope], [0.0, 0.0]]
     return plain_model((matrix, [-0.2, 0.6]), **changes)
 
 
@@ -103,7 +104,7 @@ def process_of(model):
     del shared["weights"]
     return GaussianProcessModel(
         **shared,
-        inputs=np.ones((3, 4), dtype=np.float32),
-        length_scales=np.ones(4),
+        inputs=np.ones((3, FEATURE_COUNT), dtype=np.float32),
+        length_scales=np.ones(FEATURE_COUNT),
         coefficients=np.ones((3, 2)),
     )

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from cablecast.errors import ActionError
 from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.casting import cast_grip_paths, plan_sweeps
-from cablecast.motion.feasibility import feasible_ranges
+from cablecast.motion.feasibility import feasible_ranges, uniform_actions
 from cablecast.setup import MotionConfig, Setup
 
 SETUP = Setup()
@@ -37,10 +37,7 @@ def dense_times(paths, count=1500):
 
 def random_actions(count, seed, config=CONFIG):
     ranges = feasible_ranges(Setup(motion=config))
-    low, high = np.transpose([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
-    actions = np.random.default_rng(seed).uniform(low, high, (count, 4))
-    actions[:, 3] += actions[:, 1]
-    return actions
+    return uniform_actions(ranges, count, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=str)
@@ -63,6 +60,18 @@ def test_the_grip_path_follows_the_exact_polar_path(config):
     assert np.max(np.abs(rates[..., :2] - velocity)) < SPEED_ERROR
     np.testing.assert_array_equal(poses[..., 2], WORKSPACE.grip_height)
     np.testing.assert_array_equal(poses[..., 4], 0.0)
+
+
+@pytest.mark.parametrize("pace", [0.2, 0.7, 1.25])
+def test_another_pace_goes_along_the_same_path_and_takes_as_much_longer(pace):
+    actions = random_actions(20, 5)
+    paced = np.column_stack([actions[:, :4], np.full(len(actions), pace)])
+    usual, other = cast_grip_paths(actions, SETUP), cast_grip_paths(paced, SETUP)
+    np.testing.assert_allclose(other.duration * pace, usual.duration, rtol=EXACT)
+    poses, others = (grip.evaluate(dense_times(grip)) for grip in (usual, other))
+    # Both follow the same polar path to within the promise.
+    np.testing.assert_allclose(others[..., :2], poses[..., :2], atol=2.0 * PATH_ERROR)
+    np.testing.assert_allclose(others[..., 2:], poses[..., 2:], atol=EXACT)
 
 
 def test_few_pieces_are_needed():

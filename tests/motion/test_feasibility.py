@@ -6,15 +6,17 @@ from tests.robot import ROBOT
 
 from cablecast.arm.ur import ArmUR, ur_limits
 from cablecast.errors import ActionError, InputError, JointLimitError
-from cablecast.motion.action import Action, ActionRanges, grid_actions, mirror_actions
+from cablecast.motion.action import ACTION_SIZE, Action, ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import (
     LIMIT_SHARE,
     check_actions,
     check_grip_paths,
+    feasible_actions,
     feasible_grid,
     feasible_ranges,
     feasible_uniform,
+    uniform_actions,
 )
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import plan_trajectory
@@ -225,7 +227,7 @@ def test_a_bad_action_is_refused():
 @pytest.mark.parametrize("count", [1, 7, 300])
 def test_a_feasible_grid_has_exactly_as_many_feasible_actions_as_asked(count):
     actions = feasible_grid(count, SETUP, seed=3)
-    assert actions.shape == (count, 4)
+    assert actions.shape == (count, ACTION_SIZE)
     assert len(np.unique(actions, axis=0)) == count
     assert np.all(check_actions(actions, SETUP).mask)
     assert np.all((actions[:, 0] < 0) & (actions[:, 1] > 0) & (actions[:, 3] >= actions[:, 1]))
@@ -235,6 +237,21 @@ def test_a_feasible_grid_is_the_same_for_the_same_seed_only():
     first, again, other = (feasible_grid(300, SETUP, seed=s) for s in (0, 0, 1))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def test_actions_of_one_pace_are_a_grid_and_those_of_a_range_are_drawn_from_all_of_it():
+    grid = feasible_actions(300, SETUP, feasible_ranges(SETUP), seed=3)
+    np.testing.assert_array_equal(grid, feasible_grid(300, SETUP, seed=3))
+    low, high = pace = (0.2, 1.25)
+    actions = feasible_actions(300, SETUP, feasible_ranges(SETUP, pace=pace), seed=3)
+    assert actions.shape == (300, ACTION_SIZE)
+    assert np.all(check_actions(actions, SETUP).mask)
+    paces = actions[:, 4]
+    assert low <= paces.min() < low + 0.05
+    # Few motions are feasible much faster than the paper's.
+    assert 1.0 < paces.max() <= high
+    again = feasible_actions(300, SETUP, feasible_ranges(SETUP, pace=pace), seed=3)
+    np.testing.assert_array_equal(actions, again)
 
 
 def test_a_feasible_grid_fills_up_where_many_actions_are_rejected():
@@ -281,8 +298,7 @@ def test_the_ranges_hold_what_the_arm_can_do_and_little_else(lab):
     ranges = feasible_ranges(setup)
     rng = np.random.default_rng(0)
     box = np.array([ranges.theta1, ranges.theta2, ranges.r2, ranges.wrist])
-    actions = rng.uniform(box[:, 0], box[:, 1], (400, 4))
-    actions[:, 3] += actions[:, 1]
+    actions = uniform_actions(ranges, 400, rng)
     assert check_actions(actions, setup).mask.mean() > 0.2
     # Of the motions of a wider box that the arm can follow above the table, nearly all lie within.
     behind = setup.motion.r0 - setup.workspace.reset_y

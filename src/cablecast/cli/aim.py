@@ -234,7 +234,7 @@ def refit_and_say(session: "AimSession", due: "RefitDue") -> None:
 
 def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
     """Say what a cast is expected to do."""
-    from cablecast.report.words import outlook_text, reason_text, region_text
+    from cablecast.report.words import motion_text, outlook_text, reason_text, region_text
 
     if proposal.try_number == 1:
         print(f"\ntarget    {polar_text(proposal.goal.value)}")
@@ -242,6 +242,7 @@ def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
             print(f"note: {outlook_text(proposal)}")
     turn = math.degrees(proposal.expected.ellipse(0.9).angle) % 180
     print(f"try {proposal.try_number}     {reason_text(proposal, session)}")
+    print(f"  motion  {motion_text(proposal)}")
     print(f"  expect  {polar_text(proposal.expected.mean)}")
     print(
         f"          nine of ten casts in {region_text(proposal, 0.9)} about it, the longer axis "

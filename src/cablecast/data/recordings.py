@@ -34,7 +34,8 @@ GRIP_COLUMNS = ("grip_x_m", "grip_y_m")
 _YAW = "grip_yaw_rad"
 GRIP_OPTIONS = ("grip_z_m", _YAW)
 ACTION_COLUMNS = ("theta1_rad", "theta2_rad", "r2_m", "psi_rad")
-_LIKE_OURS = ("grip_", "theta1", "theta2", "r2", "psi")
+PACE_COLUMN = "pace"
+_LIKE_OURS = ("grip_", "theta1", "theta2", "r2", "psi", "pace")
 """Beginnings of names that only a slip keeps from being known columns."""
 
 TABLE_SIZE_MAX = 2**31
@@ -88,7 +89,7 @@ def read_recordings(
         path: CSV or Parquet file with the columns `cast`, `time_s`, `x_m` and `y_m`, and with the
             joints (`q1_rad`, `q2_rad`, ...), the grip (`grip_x_m`, `grip_y_m`, and where they are
             known `grip_z_m`, `grip_yaw_rad`) or the action (`theta1_rad`, `theta2_rad`, `r2_m`,
-            `psi_rad`).
+            `psi_rad`, and `pace`, 1 where it is not known).
         setup: Set-up of the casts; gives the table, and the height of a grip without one.
         report: Told in one line what of a cast is left out, and why.
         mocap: Names of the points, where the path is a take of Motive or Vicon, or a folder of
@@ -158,7 +159,7 @@ def _sound(
             leaps = np.abs(values[known] - median_filter(values[known], 3))
             absurd[known] |= leaps > _SPIKE
         unit = name.rpartition("_")[2]
-        other, count = _MISTAKEN[unit]
+        other, count = _MISTAKEN.get(unit, ("", 0.0))
         for row in np.flatnonzero(absurd):
             is_other = bound < abs(values[row]) < count * bound
             hint = f", beyond {bound:g} {unit}: is it in {other}?" if is_other else ""
@@ -269,18 +270,15 @@ def _read_table(
     if count > COUNT_MAX:
         raise InputError(f"{path} has {count} rows, more than {COUNT_MAX}")
     known = (TIME_COLUMN, *TRACK_COLUMNS, *joints, *GRIP_COLUMNS, *GRIP_OPTIONS)
+    known += (*ACTION_COLUMNS, PACE_COLUMN)
     if more := [name for name in table if _JOINT.fullmatch(name) and name not in joints]:
         raise InputError(
             f"{path} has the column {more[0]}, and the arm of the lab file {len(joints)} joints"
         )
-    meant = [c for c in table if c.startswith(_LIKE_OURS) and c not in (*known, *ACTION_COLUMNS)]
+    meant = [c for c in table if c.startswith(_LIKE_OURS) and c not in known]
     if meant:
         report(f"{path}: nothing is read of the columns {', '.join(meant)[:200]}")
-    columns = {
-        name: _numbers(path, name, table[name])
-        for name in (*known, *ACTION_COLUMNS)
-        if name in table
-    }
+    columns = {name: _numbers(path, name, table[name]) for name in known if name in table}
     for group in (joints, GRIP_COLUMNS, ACTION_COLUMNS):
         missing = [name for name in group if name not in columns]
         if missing and len(missing) < len(group):
@@ -462,7 +460,9 @@ def _grip(
 def _action(columns: dict[str, Array]) -> Array:
     """Return the first action that is stated, shape [5]; NaN without one."""
     if ACTION_COLUMNS[0] in columns:
-        stated = np.stack([columns[column] for column in ACTION_COLUMNS], axis=-1)
+        stated = [columns[column] for column in ACTION_COLUMNS]
+        pace = columns.get(PACE_COLUMN, np.ones(len(stated[0])))
+        stated = np.stack([*stated, np.nan_to_num(pace, nan=1.0)], axis=-1)
         stated = stated[np.all(np.isfinite(stated), axis=1)]
         if len(stated):
             return Action.from_array(stated[0]).to_array()

@@ -286,6 +286,7 @@ TRIAL_COLUMNS: tuple[str, ...] = (
     "theta2_deg",
     "r2_m",
     "psi_deg",
+    "pace",
     "duration_s",
     "predicted_x_m",
     "predicted_y_m",
@@ -326,7 +327,7 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
     for row, cast in enumerate(evaluation.casts):
         r, theta = xy_to_polar(aimed_xy[row])
         # A motion without an action has empty cells.
-        theta1, theta2, r2, psi = cast.action
+        theta1, theta2, r2, psi, pace = cast.action
         target = int(evaluation.target_index[row])
         values = (
             target,
@@ -335,7 +336,7 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
             *rounded_cells((r, math.degrees(theta))),
             str(bool(evaluation.inside_coverage[target])).lower(),
             *rounded_cells((math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi))),
-            *rounded_cells((cast.duration,)),
+            *rounded_cells((pace, cast.duration)),
             *rounded_cells(evaluation.predicted_xy[row]),
             *rounded_cells(cast.final_xy),
             *rounded_cells((errors_pct[row], prediction_errors_pct[row])),

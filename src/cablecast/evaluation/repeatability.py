@@ -59,6 +59,7 @@ REPEAT_COLUMNS = (
     "theta2_deg",
     "r2_m",
     "psi_deg",
+    "pace",
     "casts",
     "landed",
     "off_table",
@@ -74,7 +75,7 @@ class ActionScatter:
     """Landings of the casts of one action.
 
     Attributes:
-        action: theta1, theta2 [rad], r2 [m], psi [rad], shape [4].
+        action: theta1, theta2 [rad], r2 [m], psi [rad], pace [-], shape [5].
         landed_xy: Resting points of the casts that stayed on the table [m], shape [landing, 2].
         statuses: Status codes of all casts.
     """
@@ -296,11 +297,11 @@ def save_actions(repeatability: Repeatability, path: pathlib.Path) -> None:
     """Write one line per action as CSV."""
     length, rows = repeatability.cable.length, []
     for number, a in enumerate(repeatability.actions):
-        theta1, theta2, r2, psi = a.action
-        degrees = (math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi))
+        theta1, theta2, r2, psi, pace = a.action
+        action = (math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi), pace)
         measured = (*a.mean_xy, 100.0 * a.scatter / length, a.along_arc_share)
         casts = (len(a.statuses), len(a.landed_xy), a.off_table_count)
-        rows.append((number, *rounded_cells(degrees), *casts, *rounded_cells(measured)))
+        rows.append((number, *rounded_cells(action), *casts, *rounded_cells(measured)))
     write_csv(path, REPEAT_COLUMNS, rows)
 
 

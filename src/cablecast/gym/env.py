@@ -75,7 +75,7 @@ class CastTask:
         params: Parameters of the cable about which others are drawn.
         action_form: "normalised": theta1, theta2, r2 and the wrist turn, each from -1 to 1 over its
             range, for the half of the table on which the target lies. "raw": theta1, theta2 [rad],
-            r2 [m] and psi [rad] of both halves.
+            r2 [m] and psi [rad] of both halves. The pace is always 1.
         tries: Casts at the same target with the same cable, one episode each. The observation holds
             the earlier ones.
         spread: Share of the search ranges of tuning from which cables are drawn [-]: 0 for always
@@ -167,7 +167,7 @@ class CastTask:
         return self.space.to_params(cables)
 
     def to_actions(self, values: ArrayLike, target_xy: Array) -> Array:
-        """Return (theta1, theta2, r2, psi) from the environment's actions, shape [count, 5].
+        """Return (theta1, theta2, r2, psi) from the environment's actions, shape [count, 4].
 
         The targets [m], shape [count, 2], give the half of the table.
         """

@@ -62,9 +62,10 @@ def model_card(model: LandingModel, policy_info: Mapping[str, Any] | None = None
         "",
         _KINDS[model.FORMAT],
         "",
-        "Its input is (theta1, theta2, r2, psi) in radians and metres, its output x and y on the "
-        "table in metres. The robot's base is at (0, 0), y points away from it, and x to its "
-        "right. The model holds for theta2 > 0; other actions are mirrored.",
+        "Its input is (theta1, theta2, r2, psi, pace) in radians and metres, with a pace of 1 for "
+        "the paper's motions, its output x and y on the table in metres. The robot's base is at "
+        "(0, 0), y points away from it, and x to its right. The model holds for theta2 > 0; "
+        "other actions are mirrored.",
         "",
         "## Training data",
         "",

@@ -67,8 +67,8 @@ def deviations(actions: NDArray[np.float64]) -> NDArray[np.float64]:
         Changes of (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [change, 5].
     """
     changes = np.diag(DEVIATION)
-    varies = np.ptp(actions, axis=0) > 0.0
-    varies[:3] = True
+    varies = np.ones(len(changes), dtype=bool)
+    varies[4] = np.ptp(actions[:, 4]) > 0.0
     if np.allclose(actions[:, 3], actions[:, 1], rtol=0.0, atol=1e-9):
         changes[1] += changes[3]
         varies[3] = False

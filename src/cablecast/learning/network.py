@@ -81,7 +81,7 @@ class ForwardModel(LandingModel):
     def normalized_casts(
         self, actions: NDArray[np.float64], endpoint_xy: NDArray[np.float64]
     ) -> "Casts":
-        """Return actions, shape [row, 4], and endpoints [m], shape [row, 2], for training."""
+        """Return actions, shape [row, 5], and endpoints [m], shape [row, 2], for training."""
         return self.normalize(actions), self.normalize_endpoints(endpoint_xy).astype(np.float32)
 
     def _own_tensors(self) -> dict[str, NDArray]:
@@ -112,7 +112,7 @@ Curve = list[dict[str, float]]
 Rows = NDArray[np.intp]
 
 Casts = tuple[NDArray[np.float32], NDArray[np.float32]]
-"""Normalised features, shape [row, 4], and normalised endpoints, shape [row, 2]."""
+"""Normalised features, shape [row, 5], and normalised endpoints, shape [row, 2]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -165,20 +165,31 @@ REAL_ONLY = TrainingConfig(
 """Settings for training a network on a few hundred real casts alone."""
 
 
-def initial_weights(config: TrainingConfig, seed: int) -> Weights:
+def initial_weights(config: TrainingConfig, seed: int, *, paced: bool) -> Weights:
     """Return random weights that keep the variance from layer to layer (He).
 
     Args:
         config: Widths of the layers.
         seed: Seed of the weights, which are the same on any machine and device.
+        paced: Whether the pace varies; the weights of a feature that is always 0 are 0.
     """
     generator = stream(seed, "weights")
-    widths = [FEATURE_COUNT, *[config.hidden_width] * config.hidden_count, 2]
+    widths = [
+        FEATURE_COUNT if paced else FEATURE_COUNT - 1,
+        *[config.hidden_width] * config.hidden_count,
+        2,
+    ]
     layers = []
     for fan_in, fan_out in itertools.pairwise(widths):
         matrix = generator.normal(scale=np.sqrt(2.0 / fan_in), size=(fan_in, fan_out))
         layers.append((matrix.astype(np.float32), np.zeros(fan_out, dtype=np.float32)))
+    if not paced:
+        layers[0] = (np.pad(layers[0][0], ((0, 1), (0, 0))), layers[0][1])
     return tuple(layers)
+
+
+def _is_paced(actions: NDArray[np.float64]) -> bool:
+    return bool(np.ptp(actions[:, -1]) > 0.0)
 
 
 def fit_network(
@@ -326,7 +337,7 @@ def train_forward_model(
     actions, endpoint_xy = dataset.actions, dataset.endpoint_xy
     model = ForwardModel(
         **normalization(actions[training], endpoint_xy[training]),
-        weights=initial_weights(config, seed),
+        weights=initial_weights(config, seed, paced=_is_paced(actions[training])),
     ).with_margins(dataset)
     began = time.monotonic()
     with one_thread():
@@ -435,7 +446,7 @@ def train_on_real(
     rows = real_rows(real)
     blank = ForwardModel(
         **normalization(real.actions[rows], real.endpoint_xy[rows]),
-        weights=initial_weights(config, seed),
+        weights=initial_weights(config, seed, paced=_is_paced(real.actions[rows])),
         info={
             "config": dataclasses.asdict(config),
             "device": device,

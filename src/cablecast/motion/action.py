@@ -4,7 +4,7 @@ An action is (theta1, theta2, r2, psi, pace). The gripper sweeps from straight a
 back to theta2 while its radius changes from r0 to r2. psi is the final heading of the cable at the
 gripper (paper, section V-B, equations 2 and 3). The paper makes every motion as fast as v_max and
 the jerk of the set-up allow, a pace of 1; at another pace the same path takes 1 / pace as long.
-Batches are arrays of shape [action, 5]; without a pace, [action, 5], the paper's is meant.
+Batches are arrays of shape [action, 5]; without a pace, [action, 4], the paper's is meant.
 
 Models predict casts to the right; casts to the left are their mirror images. `side` is +1 for the
 right and -1 for the left.
@@ -88,7 +88,7 @@ def action_rows(actions: ArrayLike) -> NDArray[np.float64]:
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], pace [-], shape [action, 5]; or without
-            the pace, which is 1 then, shape [action, 5].
+            the pace, which is 1 then, shape [action, 4].
 
     Raises:
         ActionError: The array has another shape, or holds something else.
@@ -110,7 +110,7 @@ def check_action_values(actions: ArrayLike) -> NDArray[np.float64]:
     """
     actions = action_rows(actions)
     if len(actions) == 0:
-        raise ActionError("there is no action: at least one is needed")
+        raise ActionError("there are 0 actions: there must be at least 1")
     theta1, theta2, r2, psi, pace = actions.T
 
     def refuse(bad, describe):

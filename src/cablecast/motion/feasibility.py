@@ -204,12 +204,6 @@ _TURN = float(np.radians(90.0))
 # Least radius over the arm's reach, which keeps a folded elbow clear of the base.
 _FOLDED = 0.37
 _RANGE_COUNTS, _PACE_COUNT = (8, 8, 8, 4), 3
-
-
-def _pace_count(ranges: ActionRanges) -> int:
-    return 1 if ranges.pace[0] == ranges.pace[1] else _PACE_COUNT
-
-
 # Share of the feasible actions that lies beyond either end of a range: a few at the limits of speed
 # do not widen it to where hardly any motion is feasible.
 _RANGE_TAIL = 0.02
@@ -256,6 +250,10 @@ def _find_ranges(setup: Setup, turns: bool, pace: tuple[float, float]) -> Action
     if not turns:
         box[3] = 0.0
     return _ranges(box)
+
+
+def _pace_count(ranges: ActionRanges) -> int:
+    return 1 if ranges.pace[0] == ranges.pace[1] else _PACE_COUNT
 
 
 def widest_ranges(setup: Setup, pace: tuple[float, float] = (1.0, 1.0)) -> ActionRanges:

@@ -25,7 +25,7 @@ BLIND_NOTE = (
     "casts land beside it"
 )
 
-# Steps of this many degrees or centimetres, together, lead to another action.
+# Steps of this many degrees, centimetres or percent of the paper's speed, together, lead to another action.
 _OTHER_ACTION = 12.0
 
 
@@ -44,6 +44,13 @@ def region_text(proposal: Proposal, share: float) -> str:
     centimetres = " by ".join(f"{100 * axis:.0f}" for axis in axes)
     percent = " by ".join(f"{100 * axis / proposal.setup.cable.length:.0f}" for axis in axes)
     return f"{centimetres} cm ({percent} %)"
+
+
+def motion_text(proposal: Proposal) -> str:
+    """Return how long a motion takes, and its pace where that is not the paper's."""
+    pace = proposal.action.pace
+    paced = "" if pace == 1.0 else f", a pace of {pace:.2f}"
+    return f"{proposal.trajectory.duration:.2f} s{paced}"
 
 
 def outlook_text(proposal: Proposal) -> str:
@@ -99,15 +106,16 @@ def _reason(action: NDArray[np.float64], earlier: list[Cast], proposal: Proposal
         return f"first cast at this target, after {proposal.number} casts of this cable"
     if not landed:
         return "another action, since the last one had no landing"
-    units = np.array([57.3, 57.3, 100.0, 57.3])
+    units = np.array([57.3, 57.3, 100.0, 57.3, 100.0])
     step = [float(np.linalg.norm((action - cast.action) * units)) for cast in landed]
     nearest = landed[int(np.argmin(step))]
     if min(step) > _OTHER_ACTION:
         return "another action, which is expected to land nearer than a correction of the last"
-    theta1, theta2, r2, psi = action - nearest.action
+    theta1, theta2, r2, psi, pace = action - nearest.action
     return (
         f"try {nearest.try_number} with theta1 {math.degrees(theta1):+.1f} deg, theta2 "
         f"{math.degrees(theta2):+.1f} deg, r2 {100 * r2:+.1f} cm, psi {math.degrees(psi):+.1f} deg"
+        + (f", pace {pace:+.2f}" if round(pace, 2) else "")
     )
 
 

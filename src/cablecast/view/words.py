@@ -8,7 +8,7 @@ import numpy as np
 from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
 from cablecast.report.tables import markdown_table
-from cablecast.report.words import place_text, region_text
+from cablecast.report.words import motion_text, place_text, region_text
 from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.look import ShownCast
@@ -91,7 +91,7 @@ def plan_text(preview: Preview, desk: Desk) -> str:
         ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
         ("expected", f"{_length_text(100 * proposal.expected_miss, length)} beside it"),
         (f"{100 * EXPECTED_SHARE:.0f} % land", f"in {region_text(proposal, EXPECTED_SHARE)}"),
-        ("duration", f"{proposal.trajectory.duration:.2f} s"),
+        ("duration", motion_text(proposal)),
         ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({names[fastest]})"),
         ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({names[hardest]})"),
         ("table's edge", f"{100 * preview.margin:.0f} cm away"),
