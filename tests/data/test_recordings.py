@@ -43,7 +43,7 @@ def table_of(casts, motion):
                 x, y, z, yaw, _ = path.evaluate([time])[0, 0]
                 row |= {"grip_x_m": x, "grip_y_m": y, "grip_z_m": z, "grip_yaw_rad": yaw}
         if motion == "action":
-            samples[0.0] |= dict(zip(ACTION_COLUMNS, casts.actions[number], strict=True))
+            samples[0.0] |= dict(zip(ACTION_COLUMNS, casts.actions[number][:4], strict=True))
         rows += [
             {"cast": f"take {number}", "time_s": time} | samples[time] for time in sorted(samples)
         ]
@@ -97,6 +97,20 @@ def test_an_action_stands_for_a_motion_that_nobody_measured(casts, tmp_path):
     imported = import_casts(table, SETUP)
     assert imported.actions == pytest.approx(casts.actions)
     assert MeasuredTracks.from_dataset(imported).path_source == "commanded"
+
+
+def test_a_stated_pace_is_read_and_an_empty_cell_means_1(casts, tmp_path):
+    rows = table_of(casts, "action")
+    stated = [row for row in rows if "r2_m" in row]
+    for row, pace in zip(stated, (0.4, "", 1.1), strict=True):
+        row["pace"] = pace
+    imported = import_casts(write_table(rows, tmp_path / "table.csv"), SETUP)
+    assert imported.actions[:, 4].tolist() == [0.4, 1.0, 1.1]
+    stated[0]["pace"] = 7.0
+    lines = []
+    read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP, lines.append)
+    assert "'take 0'" in lines[0]
+    assert "pace = 7 is outside [0.05, 3]" in lines[0]
 
 
 def test_a_motion_without_an_action_cannot_be_commanded(casts, tmp_path):
@@ -225,7 +239,7 @@ def log_of_a_controller(troubles=True):
             q = [np.interp(time - LAG, commanded.times, commanded.q[:, k]) for k in range(6)]
             row = {"cast": f"take {number}", "time_s": time, "x_m": 0.2, "y_m": 1.0}
             row |= {f"q{k + 1}_rad": angle for k, angle in enumerate(q)}
-            row |= dict(zip(ACTION_COLUMNS, action.to_array(), strict=True))
+            row |= dict(zip(ACTION_COLUMNS, action.to_array()[:4], strict=True))
             if troubles and tick == 20:
                 rows.append(dict(row))
             if troubles and tick in (30, 40, 50, 60):

@@ -21,7 +21,7 @@ def narrow_model(**changes):
     The swing of the cable keeps 1 m - wrist * 1 m/rad within the table.
     """
     axes = [np.linspace(*ends, 7) for ends in ((-1.4, -0.1), (0.1, 1.4), (0.35, 0.8), (0.0, 1.6))]
-    features = np.array(list(itertools.product(*axes)), dtype=np.float32)
+    features = np.array(list(itertools.product(*axes, [0.0])), dtype=np.float32)
     return linear_model(margin_features=features, margins=1.0 - features[:, 3], **changes)
 
 

@@ -22,7 +22,7 @@ from cablecast.learning.gaussian_process import (
     train_gaussian_process,
 )
 from cablecast.learning.kernel import matern
-from cablecast.learning.landing import action_features
+from cablecast.learning.landing import FEATURE_COUNT, action_features
 
 torch = pytest.importorskip("torch")
 
@@ -136,14 +136,15 @@ SINGLE_PRECISION = 2e-5
 def model():
     generator = np.random.default_rng(0)
     features = action_features(random_actions(50, seed=1))
-    length_scales = np.array([1.5, 2.0, 4.0, 3.0])
+    length_scales = np.array([1.5, 2.0, 4.0, 3.0, 1.0])
     mean, scale = features.mean(axis=0), features.std(axis=0)
+    scale[4] = 1.0
     return GaussianProcessModel(
         feature_mean=mean,
         feature_scale=scale,
         endpoint_mean=np.array([0.6, 0.7]),
         endpoint_scale=0.3,
-        margin_features=generator.normal(size=(20, 4)).astype(np.float32),
+        margin_features=generator.normal(size=(20, FEATURE_COUNT)).astype(np.float32),
         margins=generator.normal(size=20).astype(np.float32),
         inputs=(features - mean) / scale / length_scales,
         length_scales=length_scales,

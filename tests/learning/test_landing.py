@@ -13,6 +13,7 @@ from tests.learning.synthetic_casts import (
 from cablecast.errors import InputError
 from cablecast.learning.landing import (
     DEVIATION,
+    FEATURE_COUNT,
     LEFT_TABLE_MARGIN,
     MARGIN_NEIGHBORS,
     MIN_ROWS,
@@ -23,41 +24,49 @@ from cablecast.learning.landing import (
     known_margins,
     normalization,
 )
+from cablecast.motion.action import ACTION_SIZE, action_rows
 from cablecast.workspace import Workspace
 
 EXACT = 1e-12  # Sums of a few doubles of order 1.
 
 
-def test_the_last_feature_is_the_turn_of_the_wrist_against_the_arm():
-    actions = np.array([[-0.5, 0.3, 0.6, 1.1], [-0.2, 0.9, 0.5, 0.4]])
+def test_the_last_features_are_the_turn_of_the_wrist_and_the_logarithm_of_the_pace():
+    actions = np.array([[-0.5, 0.3, 0.6, 1.1, 1.0], [-0.2, 0.9, 0.5, 0.4, 0.3]])
     features = action_features(actions)
     np.testing.assert_allclose(features[:, :3], actions[:, :3], atol=EXACT)
     np.testing.assert_allclose(features[:, 3], [0.8, -0.5], atol=EXACT)
+    np.testing.assert_allclose(features[:, 4], np.log([1.0, 0.3]), atol=EXACT)
     assert actions[0, 3] == 1.1
 
 
-@pytest.mark.parametrize("shape", [(4,), (2, 3), (2, 4, 1)])
+@pytest.mark.parametrize("shape", [(5,), (2, 3), (2, 6), (2, 5, 1)])
 def test_actions_of_another_shape_are_refused(shape):
-    with pytest.raises(InputError, match=r"must be \[action, 4\]"):
+    with pytest.raises(InputError, match=r"must be \[action, 4 or 5\]"):
         action_features(np.ones(shape))
 
 
 def test_each_variable_of_an_action_deviates_by_itself():
-    actions = np.array([[-0.5, 0.3, 0.6, 1.1], [-0.2, 0.9, 0.5, 0.4]])
+    actions = np.array([[-0.5, 0.3, 0.6, 1.1, 1.0], [-0.2, 0.9, 0.5, 0.4, 0.3]])
     np.testing.assert_array_equal(deviations(actions), np.diag(DEVIATION))
-    np.testing.assert_allclose(DEVIATION, [np.pi / 180, np.pi / 180, 0.01, np.pi / 180])
+    np.testing.assert_allclose(DEVIATION, [np.pi / 180, np.pi / 180, 0.01, np.pi / 180, 0.01])
+
+
+def test_the_pace_of_a_set_of_one_pace_does_not_deviate():
+    actions = action_rows([[-0.5, 0.3, 0.6, 1.1], [-0.2, 0.9, 0.5, 1.1]])
+    np.testing.assert_array_equal(deviations(actions), np.diag(DEVIATION)[:4])
 
 
 def test_without_psi_the_wrist_deviates_along_with_the_arm():
-    actions = np.array([[-0.5, 0.3, 0.6, 0.3], [-0.2, 0.9, 0.5, 0.9]])
+    actions = action_rows([[-0.5, 0.3, 0.6, 0.3], [-0.2, 0.9, 0.5, 0.9]])
     changes = deviations(actions)
-    assert changes.shape == (3, 4)
+    assert changes.shape == (3, ACTION_SIZE)
     np.testing.assert_allclose(action_features(actions + changes[1])[:, 3], 0.0, atol=EXACT)
 
 
 def test_normalised_features_have_mean_zero_and_deviation_one():
     generator = np.random.default_rng(0)
-    actions, endpoints = generator.normal(size=(200, 4)), generator.normal(size=(200, 2))
+    actions, endpoints = generator.normal(size=(200, 5)), generator.normal(size=(200, 2))
+    actions[:, 4] = np.exp(actions[:, 4])
     endpoints *= [0.2, 0.4]
     scales = normalization(actions, endpoints)
     normal = (action_features(actions) - scales["feature_mean"]) / scales["feature_scale"]
@@ -125,7 +134,7 @@ SINGLE_PRECISION = 1e-6
 
 
 def test_the_landing_of_a_linear_model_shifts_by_its_slope():
-    model = network([4, 2])
+    model = network([FEATURE_COUNT, 2])
     (matrix, _) = model.weights[0]
     slope = model.endpoint_scale * (matrix / model.feature_scale[:, None]).T.astype(float)
     # The last feature is psi - theta2.
@@ -142,7 +151,7 @@ def test_the_landing_of_a_linear_model_shifts_by_its_slope():
 
 
 def test_normalised_endpoints_are_turned_back_by_mean_and_scale():
-    model, endpoints = network([4, 2]), np.array([[0.6, 0.7], [0.9, 0.1]])
+    model, endpoints = network([FEATURE_COUNT, 2]), np.array([[0.6, 0.7], [0.9, 0.1]])
     np.testing.assert_allclose(
         model.normalize_endpoints(endpoints), [[0.0, 0.0], [1.0, -2.0]], atol=EXACT
     )
@@ -150,7 +159,7 @@ def test_normalised_endpoints_are_turned_back_by_mean_and_scale():
 
 def test_a_margin_is_the_mean_of_its_neighbours_weighted_by_inverse_distance():
     dataset = smooth_dataset(count=300)
-    model = network([4, 2]).with_margins(dataset)
+    model = network([FEATURE_COUNT, 2]).with_margins(dataset)
     rows, margins = known_margins(dataset)
     actions = random_actions(20, seed=4)
     features = model.normalize(dataset.actions[rows]).astype(float)
@@ -165,7 +174,7 @@ def test_a_margin_is_the_mean_of_its_neighbours_weighted_by_inverse_distance():
 
 def test_few_margins_are_all_neighbours():
     few = smooth_dataset(count=5)
-    model = network([4, 2]).with_margins(few)
+    model = network([FEATURE_COUNT, 2]).with_margins(few)
     margin = model.predict_margin(few.actions)
     np.testing.assert_allclose(margin, known_margins(few)[1], atol=1e-5)
 

@@ -15,6 +15,7 @@ from tests.learning.synthetic_casts import (
 )
 
 from cablecast.errors import DatasetError, InputError
+from cablecast.learning.landing import FEATURE_COUNT
 from cablecast.learning.network import (
     ForwardModel,
     TrainingConfig,
@@ -41,8 +42,8 @@ def random_model():
     """Return a model with random weights and margins."""
     generator = np.random.default_rng(0)
     return dataclasses.replace(
-        network([4, 16, 16, 2]),
-        margin_features=generator.normal(size=(40, 4)).astype(np.float32),
+        network([FEATURE_COUNT, 16, 16, 2]),
+        margin_features=generator.normal(size=(40, FEATURE_COUNT)).astype(np.float32),
         margins=generator.normal(size=40).astype(np.float32),
         info={
             "metrics": {"held_out_median_pct": 0.5},
@@ -109,13 +110,13 @@ SETTLED = 0.1
 
 def linear_casts(count=200, seed=0):
     """Normalised casts that a linear network can learn exactly."""
-    model = network([4, 2], seed=1)
+    model = network([FEATURE_COUNT, 2], seed=1)
     actions = random_actions(count, seed)
     return model.normalized_casts(actions, model.predict(actions))
 
 
 def fit(training, held_out=None, weights=None, config=CONFIG, **options):
-    weights = weights or initial_weights(config, seed=0)
+    weights = weights or initial_weights(config, seed=0, paced=False)
     settings = {"config": config, "seed": 0, "device": "cpu", "metre": METRE} | options
     return fit_network(weights, training, held_out or training, **settings)
 
@@ -142,7 +143,7 @@ def test_the_held_out_loss_is_the_mean_distance_in_metres():
 def test_a_training_loss_without_learning_is_that_of_the_first_weights():
     still = dataclasses.replace(CONFIG, epochs=1, learning_rate=1e-9, weight_decay=0.0)
     training = linear_casts(count=75)
-    first = initial_weights(CONFIG, seed=0)
+    first = initial_weights(CONFIG, seed=0, paced=False)
     _, curve = fit(training, weights=first, config=still)
     # 75 rows are two whole batches and a part of one.
     expected = METRE * np.mean(distances(first, training))
@@ -152,7 +153,7 @@ def test_a_training_loss_without_learning_is_that_of_the_first_weights():
 def test_the_norm_is_learned_and_not_its_square():
     # One action that lands twice at one place and once at another: the sum of distances is least
     # at the former, the sum of their squares at the mean of all three.
-    inputs = np.zeros((90, 4), dtype=np.float32)
+    inputs = np.zeros((90, FEATURE_COUNT), dtype=np.float32)
     outputs = np.tile(np.array([[0, 0], [0, 0], [1, 0]], dtype=np.float32), (30, 1))
     weights, _ = fit((inputs, outputs), keep_last=True)
     assert distances(weights, (inputs, 0 * outputs))[0] < SETTLED
@@ -188,9 +189,11 @@ def test_training_options_out_of_bounds_are_refused(name):
         TrainingConfig(**{name: -1})
 
 
-def test_first_weights_keep_the_variance_through_the_layers():
-    hidden = np.random.default_rng(0).normal(size=(2000, 4))
-    for matrix, _ in initial_weights(TrainingConfig(), seed=0)[:-1]:
+@pytest.mark.parametrize("paced", [False, True])
+def test_first_weights_keep_the_variance_through_the_layers(paced):
+    hidden = np.random.default_rng(0).normal(size=(2000, FEATURE_COUNT))
+    hidden[:, -1] *= paced
+    for matrix, _ in initial_weights(TrainingConfig(), seed=0, paced=paced)[:-1]:
         hidden = np.maximum(hidden @ matrix, 0)
         assert 0.5 < np.mean(hidden**2) / 1.0 < 2.0
 
@@ -222,7 +225,7 @@ def test_the_network_learns_a_smooth_map(model):
 
 def test_a_model_knows_the_ranges_of_the_actions_that_it_learned_from(model):
     assert model.action_ranges == feasible_ranges(Setup())
-    without_psi = feasible_ranges(Setup(motion=MotionConfig(r0=1.0)), with_psi=False)
+    without_psi = feasible_ranges(Setup(motion=MotionConfig(r0=1.0)), turns=False)
     info = copy.deepcopy(model.info)
     # As a file keeps them: lists for tuples.
     info["dataset"]["settings"]["ranges"] = json.loads(json.dumps(dataclasses.asdict(without_psi)))

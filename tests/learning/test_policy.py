@@ -9,12 +9,13 @@ from tests.learning.synthetic_casts import linear_model
 from cablecast.conventions import xy_to_polar
 from cablecast.errors import InputError, JointLimitError
 from cablecast.learning.policy import ForwardSearchPolicy, Plan, PolarCastingPolicy
+from cablecast.motion.action import ACTION_SIZE
 from cablecast.motion.trajectory import Trajectory
 from cablecast.setup import Setup
 
 SETUP = Setup(cable="cable_2")
 CLOSE = 1e-12  # Double precision on values of the order of 1.
-ACTION = [-0.6, 0.5, 0.55, 0.8]
+ACTION = [-0.6, 0.5, 0.55, 0.8, 1.0]
 
 
 @pytest.fixture(scope="module", params=["forward search", "polar casting"])
@@ -105,12 +106,12 @@ def test_a_plan_that_gives_its_motions_needs_no_actions():
     motions = some_plan().trajectories
     plan = some_plan(actions=np.array(np.nan), motions=motions)
     assert plan.trajectories == motions
-    assert plan.actions.shape == (2, 4)
+    assert plan.actions.shape == (2, ACTION_SIZE)
     assert np.isnan(plan.actions).all()
 
 
 def test_an_action_that_the_arm_cannot_follow_shows_when_its_motion_is_wanted():
-    plan = some_plan(actions=np.tile([-0.6, 0.5, 1.5, 0.8], (2, 1)))
+    plan = some_plan(actions=np.tile([-0.6, 0.5, 1.5, 0.8, 1.0], (2, 1)))
     with pytest.raises(JointLimitError, match="cannot follow"):
         _ = plan.trajectories
 
@@ -122,7 +123,7 @@ def test_an_action_that_the_arm_cannot_follow_shows_when_its_motion_is_wanted():
         ({"predicted_xy": np.zeros((3, 2))}, "predicted_xy has shape"),
         ({"inside_coverage": np.ones(3, dtype=bool)}, "inside_coverage has shape"),
         ({"sensitivity": np.zeros(5)}, "sensitivity has shape"),
-        ({"actions": np.array([ACTION, [np.nan] * 4])}, "neither an action nor a motion for .* 1"),
+        ({"actions": np.array([ACTION, [np.nan] * 5])}, "neither an action nor a motion for .* 1"),
         ({"motions": ()}, "0 motions for 2 targets"),
     ],
     ids=str,

@@ -13,7 +13,7 @@ NEWTON_TOLERANCE = 1e-4
 
 def curved_model(margin=0.2):
     """Lands near (theta2, 0.3 + r2 + wrist / 4), bent by the SiLU of its one hidden layer."""
-    hidden = np.eye(4)[:, 1:]
+    hidden = np.eye(5)[:, 1:4]
     out = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.25]]
     return plain_model((hidden, np.full(3, 3.0)), (out, [-3.0, -3.45]), margins=np.array([margin]))
 

@@ -9,7 +9,7 @@ from tests.learning.synthetic_casts import SETUP, linear_model
 from tests.robot import ROBOT
 
 from cablecast.errors import CheckpointError, InputError
-from cablecast.learning.policy import ForwardSearchPolicy
+from cablecast.learning.policy import FORMAT, FORMAT_VERSION, ForwardSearchPolicy
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.setup import Setup
 
@@ -125,8 +125,8 @@ def test_a_pickled_archive_is_refused(file):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"format": "other"}, "holds other of version 3"),
-        ({"format_version": 2}, "of version 2: it must be cablecast.forward_search of version 3"),
+        ({"format": "other"}, f"holds other of version {FORMAT_VERSION}"),
+        ({"format_version": 2}, f"of version 2: it must be {FORMAT} of version {FORMAT_VERSION}"),
         ({"format_version": [1, "\n"]}, "it must be"),
         ({"setup": {"cable": "cable_1", "motion": {"warp_factor": 9}}}, "warp_factor"),
         ({"setup": None}, "setup"),

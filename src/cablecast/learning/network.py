@@ -174,11 +174,8 @@ def initial_weights(config: TrainingConfig, seed: int, *, paced: bool) -> Weight
         paced: Whether the pace varies; the weights of a feature that is always 0 are 0.
     """
     generator = stream(seed, "weights")
-    widths = [
-        FEATURE_COUNT if paced else FEATURE_COUNT - 1,
-        *[config.hidden_width] * config.hidden_count,
-        2,
-    ]
+    feature_count = FEATURE_COUNT if paced else FEATURE_COUNT - 1
+    widths = [feature_count, *[config.hidden_width] * config.hidden_count, 2]
     layers = []
     for fan_in, fan_out in itertools.pairwise(widths):
         matrix = generator.normal(scale=np.sqrt(2.0 / fan_in), size=(fan_in, fan_out))

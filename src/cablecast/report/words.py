@@ -25,7 +25,8 @@ BLIND_NOTE = (
     "casts land beside it"
 )
 
-# Steps of this many degrees, centimetres or percent of the paper's speed, together, lead to another action.
+# Steps of this many degrees, centimetres or hundredths of the pace, together, lead to another
+# action.
 _OTHER_ACTION = 12.0
 
 

@@ -75,8 +75,8 @@ class Tuned:
         """Play casts as the fit has them: with its cable, material and servo.
 
         Args:
-            motion: Actions (theta1, theta2, r2, psi, pace), shape [5] or [cast, 5]; or paths that the
-                gripper is commanded to take.
+            motion: Actions (theta1, theta2, r2, psi, pace), shape [5] or [cast, 5]; or paths that
+                the gripper is commanded to take.
             engine: Simulator; `EngineWarp` by default, which alone plays a material.
             **options: Arguments of `Engine.rollout` after the path.
 
