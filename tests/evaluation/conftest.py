@@ -19,7 +19,7 @@ class PolicyStub:
         return Plan(
             setup=self.setup,
             target_xy=targets,
-            actions=np.tile([-0.6, 0.5, 0.55, 0.8], (len(targets), 1)),
+            actions=np.tile([-0.6, 0.5, 0.55, 0.8, 1.0], (len(targets), 1)),
             predicted_xy=targets + (0.01, 0.0),
             inside_coverage=targets[:, 0] > 0,
         )

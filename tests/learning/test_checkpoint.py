@@ -10,6 +10,7 @@ from tests.learning.synthetic_casts import network, process_of, random_actions
 from cablecast.errors import CheckpointError, MissingExtraError
 from cablecast.learning.checkpoint import import_torch, one_thread
 from cablecast.learning.gaussian_process import GaussianProcessModel
+from cablecast.learning.landing import FEATURE_COUNT
 from cablecast.learning.network import ForwardModel
 from cablecast.learning.policy import load_model
 
@@ -17,7 +18,7 @@ pytest.importorskip("safetensors")
 
 
 def described(seed=0):
-    return network([4, 16, 2], seed, info={"metrics": {"held_out_median_pct": 0.5}})
+    return network([FEATURE_COUNT, 16, 2], seed, info={"metrics": {"held_out_median_pct": 0.5}})
 
 
 def test_the_description_lies_beside_the_weights_for_people(tmp_path):
@@ -81,8 +82,8 @@ def test_a_failed_save_leaves_the_old_model(tmp_path):
 @pytest.mark.parametrize(
     ("model", "kind"),
     [
-        (network([4, 8, 2]), ForwardModel),
-        (process_of(network([4, 2])), GaussianProcessModel),
+        (network([FEATURE_COUNT, 8, 2]), ForwardModel),
+        (process_of(network([FEATURE_COUNT, 2])), GaussianProcessModel),
     ],
 )
 def test_a_model_is_loaded_as_the_kind_that_was_saved(model, kind, tmp_path):
@@ -95,7 +96,7 @@ def test_a_model_is_loaded_as_the_kind_that_was_saved(model, kind, tmp_path):
 
 
 def test_a_model_is_not_loaded_as_another_kind(tmp_path):
-    process_of(network([4, 2])).save(tmp_path)
+    process_of(network([FEATURE_COUNT, 2])).save(tmp_path)
     with pytest.raises(
         CheckpointError, match=r"gaussian_process .* must be cablecast.forward_model"
     ):

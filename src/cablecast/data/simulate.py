@@ -26,7 +26,7 @@ from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import is_slow, remade, spread
 from cablecast.errors import CablecastError, DatasetError, InputError, check_count, check_seed
 from cablecast.files import read_sealed
-from cablecast.motion.action import ActionRanges
+from cablecast.motion.action import ActionRanges, action_rows
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_actions, feasible_ranges
 from cablecast.runs.folder import plain_settings
@@ -177,11 +177,12 @@ def simulate_actions(
     setup: Setup,
     engine: Engine,
 ) -> dict[str, Any]:
-    """Simulate actions, shape [row, 4], and return all columns of a dataset but `index`.
+    """Simulate actions, shape [row, 5], and return all columns of a dataset but `index`.
 
     The dynamics are shared by all rows, or one value per row.
     """
     dynamics = Dynamics.of(dynamics, setup)
+    actions = action_rows(actions)
     grip_paths = cast_grip_paths(actions, setup)
     rollout = dynamics.rollout(engine, setup, grip_paths, sample_dt=SAMPLE_DT)
     track = rollout.endpoint_xy
