@@ -15,7 +15,7 @@ LENGTH = CABLE.length
 
 def make_policy() -> ForwardSearchPolicy:
     """Return a policy of the linear model, with features that vary by about 1."""
-    scale = np.array([0.4, 0.4, 0.13, 0.45], dtype=np.float32)
+    scale = np.array([0.4, 0.4, 0.13, 0.45, 1.0], dtype=np.float32)
     model = linear_model()
     ((matrix, offset),) = model.weights
     model = dataclasses.replace(
@@ -49,7 +49,7 @@ class FormulaRig(RigLifecycle):
         action = np.asarray(action, dtype=float)
         side = np.sign(action[1])
         mirrored = mirror_actions(action, side)
-        theta1, theta2, r2, psi = mirrored
+        theta1, theta2, r2, psi, _ = mirrored
         bias = self.bias * np.array([np.sin(3 * theta2 + side), np.cos(2 * psi + 5 * r2 - theta1)])
         xy = self.policy.model.predict(mirrored[None])[0] + LENGTH * bias
         return xy * np.array([side, 1.0])

@@ -5,7 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.aiming.residual import FRICTION_SIZE, FewCastResidual, Places, ResidualScales
+from cablecast.aiming.residual import (
+    FRICTION_SIZE,
+    PLACE_COUNT,
+    FewCastResidual,
+    Places,
+    ResidualScales,
+)
 
 # The covariance has a small number added to its diagonal, 1e-9 beside a noise of 4e-4.
 JITTER = 1e-4
@@ -23,7 +29,7 @@ def places(inputs, log_sizes=0.0, log_scatters=0.0, frictions=0.0):
     )
 
 
-HERE, FAR = places(np.zeros(7)), places(np.full(7, 50.0))
+HERE, FAR = places(np.zeros(PLACE_COUNT)), places(np.full(PLACE_COUNT, 50.0))
 
 
 def test_before_any_cast_the_residual_is_unknown_and_zero_on_average():
@@ -52,8 +58,8 @@ def test_a_cast_teaches_nothing_of_a_place_far_away():
 
 
 def test_the_mirror_image_of_an_action_shares_a_part_of_its_residual():
-    left = places(np.array([0.0, 0, 0, 0, 0, 0, -1.0]))
-    right = places(np.array([0.0, 0, 0, 0, 0, 0, 1.0]))
+    left = places(-np.eye(PLACE_COUNT)[-1])
+    right = places(np.eye(PLACE_COUNT)[-1])
     process = FewCastResidual.empty(SCALES).with_cast(right, np.array([0.1, 0.0]))
     same, mirrored = (process.predict(place)[0][0, 0] for place in (right, left))
     assert 0.3 * same < mirrored < 0.9 * same
@@ -61,10 +67,10 @@ def test_the_mirror_image_of_an_action_shares_a_part_of_its_residual():
 
 def test_casts_to_some_places_miss_by_more_and_sensitive_ones_scatter_by_more():
     process = FewCastResidual.empty(dataclasses.replace(SCALES, power=1.0))
-    far = places(np.zeros(7), log_sizes=np.log(3.0))
+    far = places(np.zeros(PLACE_COUNT), log_sizes=np.log(3.0))
     assert process.predict(far)[1] == pytest.approx(9 * process.predict(HERE)[1])
     assert process.scatter_variance(far) == pytest.approx(process.scatter_variance(HERE))
-    scattered = places(np.zeros(7), log_scatters=np.log(3.0))
+    scattered = places(np.zeros(PLACE_COUNT), log_scatters=np.log(3.0))
     assert process.predict(scattered)[1] == pytest.approx(process.predict(HERE)[1])
     assert process.scatter_variance(scattered) == pytest.approx(9 * process.scatter_variance(HERE))
 
@@ -72,8 +78,8 @@ def test_casts_to_some_places_miss_by_more_and_sensitive_ones_scatter_by_more():
 def test_what_the_friction_moves_is_less_known_and_misses_alike_far_away():
     process = FewCastResidual.empty(dataclasses.replace(SCALES, amplitude=0.001))
     friction = 2.0 / FRICTION_SIZE * 0.05
-    here = places(np.zeros(7), frictions=friction)
-    there = places(np.full(7, 1.0), frictions=0.5 * friction)
+    here = places(np.zeros(PLACE_COUNT), frictions=friction)
+    there = places(np.full(PLACE_COUNT, 1.0), frictions=0.5 * friction)
     assert process.predict(here)[1] == pytest.approx(0.1**2, rel=1e-3)
     known = process.with_cast(here, np.array([0.1, -0.1]))
     # Half as much is moved there by the friction that was found out here.
@@ -83,13 +89,13 @@ def test_what_the_friction_moves_is_less_known_and_misses_alike_far_away():
     assert variance[0] < 0.9 * process.predict(there)[1][0]
     # The same distance is far for what does not follow the friction.
     plain = FewCastResidual.empty(SCALES).with_cast(HERE, np.array([0.1, -0.1]))
-    share = plain.predict(places(np.full(7, 1.0)))[0][0, 0] / 0.1
+    share = plain.predict(places(np.full(PLACE_COUNT, 1.0)))[0][0, 0] / 0.1
     assert share < 0.5 * mean[0, 0] / (0.5 * 0.1)
 
 
 def test_many_casts_overrule_what_was_expected_of_the_scales():
     rng = np.random.default_rng(1)
-    inputs = rng.normal(size=(60, 7)) * [1, 1, 1, 1, 0, 0, 0]
+    inputs = rng.normal(size=(60, PLACE_COUNT)) * [1, 1, 1, 1, 0, 0, 0, 0]
     truth = FewCastResidual.empty(ResidualScales(amplitude=0.2, noise=0.01, length=1.0, power=0.0))
     grown = dataclasses.replace(
         truth, places=places(inputs), residuals=np.zeros((60, 2)), scatter=np.ones(60)
@@ -105,7 +111,7 @@ def test_many_casts_overrule_what_was_expected_of_the_scales():
 def test_casts_of_the_fit_do_not_tell_the_scales():
     process = FewCastResidual.empty(SCALES)
     for number in range(6):
-        process = process.with_cast(places(np.full(7, 3.0 * number)), np.zeros(2))
+        process = process.with_cast(places(np.full(PLACE_COUNT, 3.0 * number)), np.zeros(2))
     none = np.zeros(6, dtype=bool)
     assert process.fitted(none).scales == SCALES
     assert process.fitted().scales.amplitude < 0.5 * SCALES.amplitude
@@ -118,7 +124,7 @@ def test_errors_of_casts_far_from_each_other_are_hardly_taken_for_scatter():
         process = FewCastResidual.empty()
         for number in range(24):
             # Sensitive casts are off by more, and each lands far from all others.
-            place = places(np.full(7, 20.0 * number), log_scatters=0.9 * rng.normal())
+            place = places(np.full(PLACE_COUNT, 20.0 * number), log_scatters=0.9 * rng.normal())
             size = 0.035 * np.hypot(1.0, np.exp(place.log_scatters[0]))
             process = process.with_cast(place, size * rng.normal(size=2))
         found.append(process.fitted().scales.noise)

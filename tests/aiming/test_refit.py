@@ -286,7 +286,7 @@ def test_what_was_learned_is_not_learned_again(rig, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(cc.EngineWarp, "rollout", refuse)
-        patch.setattr("cablecast.data.simulate.feasible_grid", refuse)
+        patch.setattr("cablecast.data.simulate.feasible_actions", refuse)
         again = prepare(rig, out=tmp_path, tries=1)
     for one, other in zip(again.predictor.predict(session.casts[-1].action), expected, strict=True):
         np.testing.assert_array_equal(one, other)
