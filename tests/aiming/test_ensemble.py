@@ -23,7 +23,7 @@ from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.action import mirror_actions, mirror_to_right
+from cablecast.motion.action import action_rows, mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.task import LANDING
@@ -268,7 +268,7 @@ def test_the_simulated_landing_is_expected_on_both_sides(policy):
 
 def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):
     predictor = predictor_of(policy, _Assumed())
-    known, unknown = np.array([[-0.4, 0.6, 0.5, 1.0], [-0.8, 0.6, 0.5, 1.0]])
+    known, unknown = action_rows([[-0.4, 0.6, 0.5, 1.0], [-0.8, 0.6, 0.5, 1.0]])
     _, covariance, _ = predictor.predict(np.array([known, unknown]))
     assert np.linalg.det(covariance[1]) > 4.0 * np.linalg.det(covariance[0])
 

@@ -30,8 +30,8 @@ SEARCH = cc.FitConfig(
     coarse_dt=2e-3,
 )
 TARGET = np.array([0.3, 1.1])
-ACTION = np.array([[-0.5, 0.6, 0.55, 1.0]])
-NEARBY = ACTION + [[0.05, -0.05, 0.01, 0.05]]
+ACTION = np.array([[-0.5, 0.6, 0.55, 1.0, 1.0]])
+NEARBY = ACTION + [[0.05, -0.05, 0.01, 0.05, 0.0]]
 
 
 def test_casts_at_the_target_come_first_then_those_that_landed_nearest():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from tests.aiming.casts import made_up_cast
 import cablecast as cc
 from cablecast.aiming.session import RefitDue, RefitReason, SimulatorConfig, refit_due
 from cablecast.cli import main
-from cablecast.errors import InputError
+from cablecast.errors import DatasetError, InputError
 from cablecast.report.words import refit_text
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.progress import DONE_NOTE, ignore
@@ -125,6 +126,31 @@ def test_a_fit_that_follows_its_casts_badly_asks_for_as_many_again(rig, tmp_path
     again = prepare(rig, out=tmp_path)
     assert again.model.policy.model.fingerprint == session.model.policy.model.fingerprint
     assert (len(again.casts), again.refit_due) == (6, None)
+
+
+def paces_of(session):
+    """Return the paces of the casts, of the candidates and of proposals."""
+    casts = [cast.action[4] for cast in session.casts]
+    proposals = [session.propose(target).action.pace for target in TARGETS]
+    return np.array(casts), session.model.policy.actions[:, 4], np.array(proposals)
+
+
+def test_only_a_fast_session_keeps_to_the_pace_of_the_paper(rig, tmp_path):
+    for paces in paces_of(prepare(rig, fast=True, out=tmp_path)):
+        np.testing.assert_array_equal(paces, 1.0)
+    for paces in paces_of(prepare(rig)):
+        assert np.all(paces != 1.0)
+    with pytest.raises(DatasetError, match=r"ranges\.pace is \[1\.0, 1\.0\] there"):
+        prepare(rig, out=tmp_path)
+
+
+def test_the_command_states_the_pace_of_a_cast_unless_it_is_fast(tmp_path, capsys):
+    options = [*COMMAND, "--calibration-count", "0", "--tries", "1", "--force"]
+    options += ["--target", "1.1", "10"]
+    main(["aim", *options, "--out", str(tmp_path / "calm")])
+    assert re.search(r"motion  \d+\.\d\d s, a pace of \d\.\d\d\n", capsys.readouterr().out)
+    main(["aim", *options, "--fast", "--out", str(tmp_path / "fast")])
+    assert re.search(r"motion  \d+\.\d\d s\n", capsys.readouterr().out)
 
 
 def test_the_command_says_that_it_begins_with_the_believed_values(tmp_path, capsys):

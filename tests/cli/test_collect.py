@@ -9,6 +9,7 @@ import pytest
 
 from cablecast.cli import main
 from cablecast.data.dataset import read_dataset
+from cablecast.pipeline.repeat import read_actions
 from cablecast.report.maps import repeatability_map
 
 # A rig whose trials take a while and which writes down each that it makes.
@@ -206,18 +207,25 @@ def test_actions_of_one_s_own_are_repeated(lab, capsys):
     pytest.importorskip("matplotlib")
     file = lab / "actions.csv"
     file.write_text("theta1_deg,theta2_deg,r2_m,psi_deg\n-40,30,0.6,50\n")
-    assert main(["repeat", *RIG, "--actions", str(file), "--repeats", "3"]) == 0
+    assert main(["repeat", *RIG, "--actions", str(file), "--repeats", "3", "--out", "out"]) == 0
     assert made(lab) == [0, 1, 2]
     for text, words in (
         ("theta1_deg,theta2_deg\n-40,30\n", "lacks the columns r2_m, psi_deg"),
         ("theta1_deg,theta2_deg,r2_m,psi_deg\n", "must hold at least 1 rows"),
         ("theta1_deg,theta2_deg,r2_m,psi_deg\n40,30,0.6,50\n", "opposite signs"),
+        ("theta1_deg,theta2_deg,r2_m,psi_deg,pace\n-40,30,0.6,50,4\n", "pace = 4 is outside"),
+        ("theta1_deg,theta2_deg,r2_m,psi_deg,pace\n-40,30,0.6,50,\n", "is no finite number"),
     ):
         file.write_text(text)
         capsys.readouterr()
         assert main(["repeat", *RIG, "--actions", str(file), "--out", "other"]) == 2
         assert words in capsys.readouterr().err
     assert not (lab / "other").exists()
+    file.write_text("theta1_deg,theta2_deg,r2_m,psi_deg,pace\n-40,30,0.6,50,0.5\n")
+    assert main(["repeat", *RIG, "--actions", str(file), "--repeats", "2", "--out", "slow"]) == 0
+    # The table of the actions can be repeated again.
+    tables = [lab / folder / "1.5-psi/actions.csv" for folder in ("out", "slow")]
+    assert [read_actions(table)[:, 4].tolist() for table in tables] == [[1.0], [0.5]]
 
 
 def test_repeats_of_other_settings_are_refused(lab, capsys):

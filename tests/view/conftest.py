@@ -11,7 +11,7 @@ from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import RigError
 from cablecast.learning.policy import ForwardSearchPolicy
-from cablecast.motion.action import ActionRanges, grid_actions
+from cablecast.motion.action import ActionRanges, grid_actions, mirror_actions
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.make import make_rig
 from cablecast.view.desk import Desk
@@ -49,7 +49,7 @@ class OffsetRig(RigLifecycle):
         self.cast_count += 1
         action = trajectory.action.to_array()
         side = 1.0 if action[1] > 0 else -1.0
-        landed = self.model.predict((action * [side, side, 1.0, side])[None])[0]
+        landed = self.model.predict(mirror_actions(action, side)[None])[0]
         landed = landed * [side, 1.0] + self.offset
         times = np.array([0.0, 2.0, 4.0])
         start = np.array([0.0, 1.2])
