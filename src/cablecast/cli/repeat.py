@@ -34,8 +34,8 @@ class Repeat:
     action_count: Annotated[int | None, argument("INT", "all that the arm can make")] = None
     """Number of actions of each grid, drawn at random."""
     actions: Annotated[pathlib.Path | None, argument("FILE", "the paper's grids")] = None
-    """Repeat the actions of this CSV file, whose header is `theta1_deg,theta2_deg,r2_m,psi_deg`, or
-    `theta1_deg,theta2_deg,r2_m,psi_deg,pace`; the pace is 1 without it."""
+    """Repeat the actions of this CSV file, whose header is `theta1_deg,theta2_deg,r2_m,psi_deg`,
+    and `,pace` if it is not 1."""
     r0: ArcRadius = None
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/repeat-RIG")] = None
     """Folder of the results."""

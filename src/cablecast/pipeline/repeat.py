@@ -208,8 +208,9 @@ def _drawn(
 
 def read_actions(path: str | os.PathLike[str]) -> Array:
     """Return the actions of a CSV file, with a pace of 1 where it has none, shape [action, 5]."""
-    paced = _PACE_COLUMN in next(iter(read_csv(path, _ACTION_COLUMNS)), {})
-    columns = (*_ACTION_COLUMNS, *[_PACE_COLUMN] * paced)
-    actions = np.array(read_numbers(os.fspath(path), columns, 1))
+    path, columns = os.fspath(path), _ACTION_COLUMNS
+    if any(_PACE_COLUMN in row for row in read_csv(path, columns)):
+        columns += (_PACE_COLUMN,)
+    actions = np.array(read_numbers(path, columns, 1))
     actions[:, [0, 1, 3]] = np.radians(actions[:, [0, 1, 3]])
     return check_action_values(actions)
