@@ -52,8 +52,8 @@ class GaussianProcessModel(LandingModel):
 
     Attributes:
         inputs: Normalised features of the inducing casts divided by the length scales, shape
-            [cast, 4].
-        length_scales: Length scale of each normalised feature, shape [4].
+            [cast, 5].
+        length_scales: Length scale of each normalised feature, shape [5].
         coefficients: Weight of each inducing cast in the normalised endpoint, shape [cast, 2].
     """
 

@@ -256,7 +256,7 @@ def refine_actions(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Move the predicted landings onto the targets by the smallest changes of the actions.
 
-    Many changes of the four variables move the landing to the same point of the plane. Each Newton
+    Many changes of the variables move the landing to the same point of the plane. Each Newton
     step takes the smallest of them, in units of `DEVIATION`. If the arm could not follow the
     refined action, or the free end would leave the table, the action is left unchanged.
 
@@ -350,7 +350,8 @@ class ForwardSearchPolicy:
         actions: Candidates that stay on the table, shape [candidate, 5].
         predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
         sensitivity: Root of the summed squares of the landing's shifts for 1 degree of theta1, of
-            theta2 and of psi and for 1 cm of r2 [m], shape [candidate].
+            theta2 and of psi, for 1 cm of r2 and for 0.01 of a pace that varies [m], shape
+            [candidate].
         info: Fingerprint of the model, numbers of candidates, seed, table margin.
     """
 
