@@ -13,6 +13,7 @@ from cablecast.task import (
     LANDING,
     MISS_MEMORY,
     MISS_WEIGHT,
+    SQUARE_MAX,
     Expectation,
     Goal,
     MissLaw,
@@ -230,6 +231,11 @@ def test_misses_of_a_usual_size_change_nothing_but_how_sure_the_law_is():
 
 def test_only_the_last_misses_count():
     assert MissLaw.after([100.0] * 5 + [1.0] * MISS_MEMORY) == MissLaw.after([1.0] * 20)
+
+
+def test_a_wild_cast_says_no_more_of_calm_ones_than_a_bound():
+    assert MissLaw.after([1e6]) == MissLaw.after([SQUARE_MAX])
+    assert MissLaw.after([SQUARE_MAX]).scale > MissLaw.after([0.9 * SQUARE_MAX]).scale
 
 
 @pytest.mark.parametrize("probability", [0.0, 1.0, np.nan])

@@ -245,6 +245,10 @@ MISS_WEIGHT = 0.5
 MISS_MEMORY = 20
 """Number of the last misses that count: a cable changes."""
 
+SQUARE_MAX = 9.0
+"""Largest Mahalanobis square of a miss that counts [-]: a cast that tipped over the other way says
+nothing of calm ones."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MissLaw:
@@ -269,7 +273,7 @@ class MissLaw:
         d is the offset from the expected outcome, of `dimension` components, and C the covariance
         that was stated before any miss.
         """
-        last = list(squares)[-MISS_MEMORY:]
+        last = [min(square, SQUARE_MAX) for square in squares][-MISS_MEMORY:]
         freedom = TAIL_FREEDOM + dimension * MISS_WEIGHT * len(last)
         scale = (TAIL_FREEDOM - 2.0 + MISS_WEIGHT * sum(last)) / (freedom - 2.0)
         return cls(scale=scale, freedom=freedom)

@@ -18,7 +18,7 @@ from cablecast.aiming.ensemble import (
     miss_sizes,
 )
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
-from cablecast.aiming.propose import propose
+from cablecast.aiming.propose import NEXT_NEAR, expected_loss, propose
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
@@ -83,6 +83,15 @@ class _Assumed:
             spreads=spreads,
             leaving=np.where(actions[:, 0] < self.leaves_from, 1.0, 0.0),
         )
+
+
+class _Sliding(_Assumed):
+    """Casts that swing back by 0.5 rad or more slide far: friction moves their landings."""
+
+    def evaluate(self, actions, side=None):
+        found = super().evaluate(actions, side)
+        slides = np.where(actions[:, 0] > -0.5, 0.05, 2.0)
+        return dataclasses.replace(found, frictions=slides, spreads=np.full(len(actions), 0.02))
 
 
 @pytest.fixture(scope="module")
@@ -170,6 +179,22 @@ def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
     np.testing.assert_array_equal(again.sizes[:3], first.sizes[::-1])
     np.testing.assert_array_equal(again.leaving[:3], first.leaving[::-1])
     np.testing.assert_array_equal(again.landing_xy[3], again.landing_xy[4])
+
+
+@pytest.mark.parametrize("target", [(0.3, 1.1), (-0.3, 1.1), (0.1, 1.2)])
+def test_of_casts_to_one_place_those_are_chosen_that_friction_hardly_moves(policy, target):
+    beliefs = dataclasses.replace(Beliefs.of(policy), ensemble=_Sliding(policy.model))
+    proposal = propose(LandingPredictor.of(beliefs), goal_at(target))
+    assert abs(proposal.action.theta1) < 0.5
+    # Equal casts of the others scatter by more than a hit allows.
+    wild = LandingPredictor.of(beliefs).predict([[-0.7, 0.6, 0.55, 1.0, 1.0]])[2]
+    assert proposal.expected.scatter < 0.01 * LENGTH < 0.03 * LENGTH < wild[0]
+
+
+def test_where_only_wild_casts_reach_one_is_made_all_the_same():
+    calm = expected_loss(np.array([0.12]), np.array([1e-4]), np.zeros(1), NEXT_NEAR)
+    wild = expected_loss(np.zeros(1), np.array([0.04**2]), np.zeros(1), NEXT_NEAR)
+    assert wild < calm
 
 
 def test_the_expected_landing_is_that_at_full_resolution(ensemble, policy):

@@ -135,5 +135,5 @@ def test_casts_at_one_place_that_differ_are_scatter():
     rng = np.random.default_rng(5)
     process = FewCastResidual.empty()
     for _ in range(40):
-        process = process.with_cast(HERE, 0.08 * rng.normal(size=2))
+        process = process.with_cast(HERE, 4.7 * process.believed.noise * rng.normal(size=2))
     assert process.fitted().scales.noise > 2.5 * process.believed.noise

@@ -14,5 +14,5 @@ def test_scatter_grows_with_either_and_is_bounded_below():
     frictions = USUAL_FRICTION * np.array([1.0, 1.0, 3.0, 0.0])
     usual, wide, sliding, none = log_scatters(sensitivities, frictions)
     assert usual < wide < sliding
-    np.testing.assert_allclose(np.exp(2 * sliding), 0.3 + 0.7 * 9)
+    np.testing.assert_allclose(np.exp(2 * sliding), 0.1 + 0.9 * 9)
     assert np.isfinite(none)
