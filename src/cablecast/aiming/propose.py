@@ -214,10 +214,10 @@ def _table_margin(predictor: LandingPredictor) -> float:
 
 def _shortlist(predictor: LandingPredictor, target: _Array, tried: bool) -> Candidates:
     """Return the most promising candidates of the policy, and earlier actions, for a target."""
-    half = -1.0 if target[0] < 0 else 1.0
+    right = -1.0 if target[0] < 0 else 1.0
     candidates, simulated_xy, places = predictor.beliefs.policy_candidates
     # The candidates land on the right: for a target on the left all are mirrored.
-    side = half * candidates.side
+    side = right * candidates.side
     goals = mirror_xy(target, side)
     distance = np.linalg.norm(simulated_xy - goals, axis=1)
     count = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(predictor.casts)))
@@ -227,11 +227,12 @@ def _shortlist(predictor: LandingPredictor, target: _Array, tried: bool) -> Cand
     mean, variance = predictor.experience.residual.predict(near_places)
     expected_xy = simulated_xy[near] + predictor.beliefs.length * mean
     distance = np.linalg.norm(expected_xy - goals[near], axis=1) / predictor.beliefs.length
-    # Of those that are near enough to be moved onto the target, the calm ones.
+    # Calm ones, which may be moved onto the target, and the nearest, where no calm one reaches.
     square = distance**2 + 2.0 * (variance + predictor.experience.scatter(near_places))
     earlier = _earlier_actions(predictor, target)
     few = predictor.ensemble is None or (tried and len(earlier) > 0)
-    short = near[np.argsort(square)[: _SHORTLIST_COUNT if few else _SIMULATED_COUNT]]
+    half = (_SHORTLIST_COUNT if few else _SIMULATED_COUNT) // 2
+    short = near[np.union1d(np.argsort(square)[:half], np.argsort(distance)[:half])]
     chosen = predictor.evaluate(candidates.actions[short], side[short])
     if len(chosen) > _SHORTLIST_COUNT:
         chosen = _least_missing(predictor, chosen, target)
