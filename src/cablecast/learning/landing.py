@@ -3,7 +3,6 @@
 Prediction needs only NumPy; torch is needed only for training, so planning starts at once.
 """
 
-import copy
 import dataclasses
 import functools
 import json
@@ -214,6 +213,7 @@ class LandingModel:
             where it left the table [m], shape [row].
         info: Configuration, metrics, learning curve, versions, and the settings and fingerprint of
             the dataset.
+        lab: Set-up of the same settings whose robot bounds the motions; None for that of the casts.
     """
 
     feature_mean: NDArray[np.float64]
@@ -227,6 +227,7 @@ class LandingModel:
         default_factory=lambda: np.empty(0, dtype=np.float32)
     )
     info: dict[str, Any] = dataclasses.field(default_factory=dict)
+    lab: Setup | None = None
 
     FORMAT: ClassVar[str]
 
@@ -291,15 +292,12 @@ class LandingModel:
 
     @property
     def setup(self) -> Setup:
-        """Cable, workspace, arm and motion settings of the training casts."""
-        return self.settings.setup
+        """Cable, workspace, arm and motion settings of the training casts, or of `lab`."""
+        return self.settings.setup if self.lab is None else self.lab
 
     def in_lab(self, setup: Setup) -> Self:
         """Return the model for a set-up of the same settings, whose robot bounds the motions."""
-        model, settings = copy.copy(self), copy.copy(self.settings)
-        settings.__dict__["setup"] = setup
-        model.__dict__["settings"] = settings
-        return model
+        return dataclasses.replace(self, lab=setup)
 
     @property
     def action_ranges(self) -> ActionRanges:
