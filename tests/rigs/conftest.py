@@ -70,7 +70,7 @@ def small_cast(setup) -> Trajectory:
 @pytest.fixture(scope="session")
 def wild() -> Trajectory:
     """Return a sweep that no arm could make: at full stretch to the side, off the table."""
-    times = np.linspace(0.0, 0.7, 60)
+    times = np.linspace(0.0, 0.9, 60)
     u = times / times[-1]
     theta = 1.5 * u**3 * (10 - 15 * u + 6 * u**2)
     still = np.zeros_like(times)

@@ -76,7 +76,7 @@ def test_what_is_seen_depends_on_seed_and_trial_alone(setup, small_cast):
 
 
 def test_an_endpoint_that_leaves_the_table_is_seen_to(setup, wild):
-    track = RigVirtual(setup, 0, ERROR_MODEL).execute_many([wild])[0]
+    track = RigVirtual(setup, 2, ERROR_MODEL).execute_many([wild])[0]
     assert track.status is TrialStatus.OFF_TABLE
     assert np.isnan(track.final_xy).all()
 
