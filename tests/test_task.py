@@ -7,6 +7,7 @@ import pytest
 import scipy.stats
 
 from cablecast.cable import load_cable
+from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError, TargetError
 from cablecast.setup import Setup
 from cablecast.task import (
@@ -32,6 +33,7 @@ class Farthest(Task):
 
     name = "farthest"
     coordinates = ("r",)
+    mirror = (1.0,)
 
     def scale(self, setup):
         return np.array([setup.cable.length])
@@ -54,6 +56,7 @@ class InSpace(Farthest):
 
     name = "in space"
     coordinates = ("x", "y", "z")
+    mirror = (-1.0, 1.0, 1.0)
 
     def scale(self, setup):
         return np.full(3, setup.cable.length)
@@ -75,6 +78,17 @@ def test_a_miss_is_the_distance_in_cable_lengths_and_a_hit_within_the_tolerance(
     np.testing.assert_array_equal(goal.hit(outcomes - [1e-6, 0.0]), [True, False, False])
     assert goal.is_same([0.3, 1.1])
     assert not goal.is_same([0.3, 1.101])
+
+
+def test_the_mirror_image_of_a_cast_has_the_mirrored_outcome():
+    side = np.array([-1.0, 1.0])
+    path = np.array([[0.1, 0.5], [0.3, 1.1]]) * np.ones((2, 1, 1))
+    mirrored = mirror_xy(path, side[:, None])
+    for task in (LANDING, Farthest()):
+        outcome = task.outcome(path)
+        np.testing.assert_array_equal(task.mirrored(outcome, side), task.outcome(mirrored))
+    np.testing.assert_array_equal(LANDING.side_of(LANDING.outcome(mirrored)), side)
+    np.testing.assert_array_equal(Farthest().side_of([[0.9], [-0.9]]), [1.0, 1.0])
 
 
 def test_outcomes_of_another_dimension_are_refused():

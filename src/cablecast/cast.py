@@ -18,7 +18,7 @@ from cablecast.errors import InputError
 from cablecast.motion.action import ACTION_SIZE, Action
 from cablecast.motion.trajectory import JointPath, Trajectory, plan_trajectory
 from cablecast.setup import Setup
-from cablecast.task import LANDING, Expectation, Goal
+from cablecast.task import LANDING, Expectation, Goal, Task
 from cablecast.workspace import Workspace
 
 
@@ -272,17 +272,23 @@ class Cast:
         """Whether the cast has a landing."""
         return bool(np.all(np.isfinite(self.final_xy)))
 
-    def end_xy(self, workspace: Workspace) -> NDArray[np.float64]:
-        """Return the landing, or where the free end left the table [m], shape [2]; NaN for neither.
+    def read(self, task: Task, table: Workspace | None = None) -> NDArray[np.float64]:
+        """Return the outcome of the cast in a task, shape [k]; NaN for a cast without one.
 
-        It is taken to have gone on from where it was seen last as it moved there.
+        With a table, a cast that left it has the outcome of its path to the edge: the free end is
+        taken to have gone on from where it was seen last as it moved there.
         """
-        seen = self.track.endpoint_xy[np.all(np.isfinite(self.track.endpoint_xy), axis=1)]
-        if self.status is not TrialStatus.OFF_TABLE or len(seen) < 2:
-            return self.final_xy
-        way = seen[-1] + np.arange(_STEPS_UNSEEN)[:, None] * (seen[-1] - seen[-2])
-        off = ~workspace.on_table(way)
-        return way[np.argmax(off)] if off.any() else self.final_xy
+        path = self.track.endpoint_xy
+        if self.status is TrialStatus.OFF_TABLE and table is not None:
+            seen = path[np.all(np.isfinite(path), axis=1)]
+            if len(seen) > 1:
+                way = seen[-1] + np.arange(_STEPS_UNSEEN)[:, None] * (seen[-1] - seen[-2])
+                off = ~table.on_table(way)
+                if off.any():
+                    return task.outcome(np.concatenate([seen, way[: np.argmax(off) + 1]]))
+        if self.status is not TrialStatus.OK:
+            return np.full(len(task.coordinates), np.nan)
+        return task.outcome(path)
 
     @property
     def goal(self) -> Goal | None:
@@ -295,10 +301,7 @@ class Cast:
 
         A cast that was not aimed has that of a landing.
         """
-        task = LANDING if self.goal is None else self.goal.task
-        if self.status is not TrialStatus.OK:
-            return np.full(len(task.coordinates), np.nan)
-        return task.outcome(self.track.endpoint_xy)
+        return self.read(LANDING if self.goal is None else self.goal.task)
 
     @property
     def target_xy(self) -> NDArray[np.float64]:
@@ -343,4 +346,5 @@ class Cast:
         """
         if self.proposal is None:
             return math.nan
-        return self.proposal.expected.square(self.end_xy(self.proposal.setup.workspace))
+        goal = self.proposal.goal
+        return self.proposal.expected.square(self.read(goal.task, goal.setup.workspace))

@@ -32,10 +32,13 @@ class Task(abc.ABC):
     Attributes:
         name: Name in files and on the command line.
         coordinates: Name of each component of an outcome, shape [k].
+        mirror: +1 or -1, the factor of each component in the mirror image of a cast (x -> -x),
+            shape [k].
     """
 
     name: ClassVar[str]
     coordinates: ClassVar[tuple[str, ...]]
+    mirror: ClassVar[tuple[float, ...]]
 
     @abc.abstractmethod
     def scale(self, setup: Setup) -> Array:
@@ -59,6 +62,23 @@ class Task(abc.ABC):
     @abc.abstractmethod
     def lost(self, path_xy: Array, setup: Setup) -> NDArray[np.bool_]:
         """Return which paths [m], shape [..., step, 2], have no outcome that counts, [...]."""
+
+    def mirrored(self, outcome: ArrayLike, side: ArrayLike) -> Array:
+        """Return outcomes, shape [..., k], mirrored where `side`, shape [...], is -1."""
+        is_odd = np.array(self.mirror) < 0
+        return np.asarray(outcome) * np.where(is_odd, np.asarray(side)[..., None], 1.0)
+
+    def side_of(self, value: ArrayLike) -> Array:
+        """Return the side that casts with outcomes go to: +1 right, -1 left, shape [...].
+
+        The first component that the mirror image reverses tells; without any it is the right.
+        """
+        odd = np.asarray(value)[..., np.array(self.mirror) < 0][..., :1]
+        return np.where(np.any(odd < 0, axis=-1), -1.0, 1.0)
+
+    def units(self, setup: Setup) -> Array:
+        """Return the change of each component that counts as one metre, shape [k]."""
+        return self.scale(setup) / setup.cable.length
 
     def miss(self, outcome: ArrayLike, value: ArrayLike, setup: Setup) -> Array:
         """Return the distance of outcomes from values [cable lengths].
@@ -126,6 +146,7 @@ class Landing(Task):
 
     name = "landing"
     coordinates = ("x", "y")
+    mirror = (-1.0, 1.0)
 
     def scale(self, setup: Setup) -> Array:
         """Return the length of the cable for x and y [m], shape [2]."""

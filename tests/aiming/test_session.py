@@ -16,6 +16,7 @@ from cablecast.conventions import xy_to_polar
 from cablecast.errors import InputError, RigError, TargetError
 from cablecast.motion.feasibility import check_actions
 from cablecast.report.words import change_text, outlook_text, reason_text, stop_text
+from cablecast.task import LANDING
 
 TARGETS = np.array([[0.3, 1.1], [-0.25, 1.2], [0.5, 1.05], [-0.5, 1.15], [0.1, 1.25]])
 
@@ -453,12 +454,12 @@ def test_a_cast_that_left_the_table_says_where_such_casts_go(policy):
     )
     before = session.predictor.predict(proposal.action.to_array())[0][0]
     cast = session.observe(proposal, track)
-    np.testing.assert_allclose(cast.end_xy(SETUP.workspace), [edge + 0.05, 1.1])
+    np.testing.assert_allclose(cast.read(LANDING, SETUP.workspace), [edge + 0.05, 1.1])
     assert not cast.landed
     assert cast.square > 10.0
     moved = session.predictor.predict(proposal.action.to_array())[0][0] - before
-    share = moved @ (cast.end_xy(SETUP.workspace) - before)
-    assert share > 0.7 * np.sum((cast.end_xy(SETUP.workspace) - before) ** 2)
+    share = moved @ (cast.read(LANDING, SETUP.workspace) - before)
+    assert share > 0.7 * np.sum((cast.read(LANDING, SETUP.workspace) - before) ** 2)
     assert session.propose(target).expected.law.scale > proposal.expected.law.scale
 
 

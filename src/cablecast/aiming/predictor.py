@@ -23,6 +23,7 @@ from cablecast.learning.landing import LandingModel, deviations
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import mirror_to_right
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.task import LANDING
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
 
@@ -304,7 +305,8 @@ class LandingPredictor:
         candidates = self.evaluate(*mirror_to_right(actions))
         places, simulated_xy = self._located(candidates)
         table = self.beliefs.policy.setup.workspace
-        ends = mirror_xy(np.array([casts[row].end_xy(table) for row in rows]), candidates.side)
+        ends = np.array([casts[row].read(LANDING, table) for row in rows])
+        ends = mirror_xy(ends, candidates.side)
         there = np.array([casts[row].landed for row in rows]) | (candidates.leaving < 0.5)
         compared = there & np.isfinite(ends).all(axis=1)
         residuals = (ends - simulated_xy) / self.beliefs.length
