@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from cablecast.aiming.residual import PLACE_COUNT, Experience, Places
+from cablecast.aiming.residual import Experience, Places, length_scales
 
 CAST_COUNT = 30
+PLACE_COUNT = len(length_scales())
 
 
 def experience_of(share, **options):

@@ -7,14 +7,16 @@ import pytest
 
 from cablecast.aiming.residual import (
     FRICTION_SIZE,
-    PLACE_COUNT,
     FewCastResidual,
     Places,
     ResidualScales,
+    length_scales,
 )
 
 # The covariance has a small number added to its diagonal, 1e-9 beside a noise of 4e-4.
 JITTER = 1e-4
+
+PLACE_COUNT = len(length_scales())
 
 SCALES = ResidualScales(amplitude=0.08, noise=0.02, length=1.0, power=0.0)
 

@@ -15,6 +15,7 @@ from cablecast.data.record import collect_dataset
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.rigs.engine import RigEngine
+from cablecast.task import LANDING, Goal
 from cablecast.tuning.tracks import MeasuredTracks
 
 COARSE = {"segment_count": 10, "dt": 2e-3}
@@ -30,6 +31,7 @@ SEARCH = cc.FitConfig(
     coarse_dt=2e-3,
 )
 TARGET = np.array([0.3, 1.1])
+GOAL = Goal(task=LANDING, setup=SETUP, value=TARGET)
 ACTION = np.array([[-0.5, 0.6, 0.55, 1.0, 1.0]])
 NEARBY = ACTION + [[0.05, -0.05, 0.01, 0.05, 0.0]]
 
@@ -38,11 +40,11 @@ def test_casts_at_the_target_come_first_then_those_that_landed_nearest():
     far = [made_up_cast((0.3, 1.1 + 0.01 * (20 - k))) for k in range(12)]
     aimed = [made_up_cast((-0.8, 0.4), TARGET), made_up_cast((np.nan, np.nan), TARGET)]
     rows = list(enumerate([*far, *aimed]))
-    assert casts_near(rows, TARGET) == [6, 7, 8, 9, 10, 11, 12, 13]
+    assert casts_near(rows, GOAL) == [6, 7, 8, 9, 10, 11, 12, 13]
     many = [(k, made_up_cast((0.0, 1.0), TARGET)) for k in range(12)]
-    assert casts_near(many, TARGET) == list(range(12 - LOCAL_COUNT, 12))
-    assert casts_near([(0, made_up_cast((np.nan, np.nan), (0.5, 1.0)))], TARGET) == []
-    assert casts_near([], TARGET) == []
+    assert casts_near(many, GOAL) == list(range(12 - LOCAL_COUNT, 12))
+    assert casts_near([(0, made_up_cast((np.nan, np.nan), (0.5, 1.0)))], GOAL) == []
+    assert casts_near([], GOAL) == []
 
 
 @pytest.fixture(scope="module")

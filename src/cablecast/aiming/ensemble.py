@@ -25,7 +25,7 @@ from cablecast.motion.action import ACTION_SIZE
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.runs.folder import fingerprint
 from cablecast.setup import Setup
-from cablecast.task import LANDING
+from cablecast.task import LANDING, Task
 from cablecast.tuning.ensemble import ParamUpdate
 from cablecast.tuning.space import ParamPosterior
 from cablecast.tuning.tracks import MeasuredTracks
@@ -62,7 +62,8 @@ class LandingEstimate:
     """Landings of casts in an ensemble, and how far off they may be.
 
     Attributes:
-        landing_xy: Landing in the best simulator [m], NaN where there is none, shape [action, 2].
+        landing_xy: Landing in the best simulator [m], NaN where there is none, shape [action, 2];
+            for another task its outcome over `Task.units`, shape [action, k].
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape
             [action].
         spreads: Standard deviation of the landings along each axis [cable lengths], shape [action].
@@ -113,6 +114,7 @@ class EnsembleLandings:
         fine_engine: Engine that simulates it.
         posterior: Uncertainty of the parameters, and the distance that the fit left; None for
             simulators that are not updated, and follow the cable as well as usual.
+        task: Task whose outcomes stand for the landings.
     """
 
     def __init__(
@@ -123,8 +125,9 @@ class EnsembleLandings:
         best: Dynamics,
         fine_engine: Engine,
         posterior: ParamPosterior | None = None,
+        task: Task = LANDING,
     ):
-        self.setup = setup
+        self.setup, self.task = setup, task
         self.members = tuple(members)
         self.engine = engine
         self.best, self.fine_engine = best, fine_engine
@@ -133,7 +136,7 @@ class EnsembleLandings:
         self._kept_count = 0
 
     @classmethod
-    def of(cls, tuned: Tuned) -> "EnsembleLandings":
+    def of(cls, tuned: Tuned, task: Task = LANDING) -> "EnsembleLandings":
         """Return the simulators of a fit that has an ensemble.
 
         Raises:
@@ -149,6 +152,7 @@ class EnsembleLandings:
             tuned.dynamics,
             make_engine("warp", fitted.fine_segment_count, fitted.fine_dt),
             tuned.posterior,
+            task,
         )
 
     def tracks(
@@ -198,7 +202,7 @@ class EnsembleLandings:
             for one, found in zip((self.best, *self.members), params, strict=True)
         ]
         return EnsembleLandings(
-            self.setup, members, self.engine, best, self.fine_engine, self.posterior
+            self.setup, members, self.engine, best, self.fine_engine, self.posterior, self.task
         )
 
     @functools.cached_property
@@ -230,22 +234,25 @@ class EnsembleLandings:
                     self.tracks, actions[new], side[new], (self.best,), self.fine_engine
                 )
                 tracks = self.tracks(actions[new], side[new], played)
+            units = self.task.units(self.setup)
             found = estimate_landings(
                 tracks[:count],
                 self.setup,
-                landing_xy=LANDING.outcome(best.result()[0]),
-                friction_xy=LANDING.outcome(tracks[count:]),
+                landing_xy=self.task.outcome(best.result()[0]) / units,
+                friction_xy=self.task.outcome(tracks[count:]) / units,
+                task=self.task,
             )
             rows = np.column_stack(
                 [found.landing_xy, found.frictions, found.spreads, found.leaving]
             )
             self._known.update(zip(row_of, rows, strict=True))
-        rows = np.array([self._known[key] for key in keys]).reshape(-1, 5)
+        count = len(self.task.coordinates)
+        rows = np.array([self._known[key] for key in keys]).reshape(-1, count + 3)
         return LandingEstimate(
-            landing_xy=rows[:, :2],
-            frictions=rows[:, 2],
-            spreads=rows[:, 3],
-            leaving=rows[:, 4],
+            landing_xy=rows[:, :-3],
+            frictions=rows[:, -3],
+            spreads=rows[:, -2],
+            leaving=rows[:, -1],
             factor=min(1.0, self.factor),
         )
 
@@ -254,7 +261,7 @@ class EnsembleLandings:
         """Short name of all that decides the landings."""
         resolutions = [engine_settings(engine) for engine in (self.engine, self.fine_engine)]
         physics = [one.to_dict() for one in (self.best, *self.members)]
-        steps = [_FRICTION_STEP, _APART_MAX, _SAMPLE_DT]
+        steps = [_FRICTION_STEP, _APART_MAX, _SAMPLE_DT, self.task.name]
         return fingerprint([self.setup.to_settings(), physics, resolutions, steps])
 
     def keep(self, file: pathlib.Path) -> None:
@@ -301,6 +308,7 @@ def estimate_landings(
     *,
     landing_xy: NDArray[np.float64],
     friction_xy: NDArray[np.float64],
+    task: Task = LANDING,
 ) -> LandingEstimate:
     """Return landings and spread from tracks in several simulators.
 
@@ -308,16 +316,17 @@ def estimate_landings(
         tracks: Positions of the free end [m], shape [member, action, sample, 2]; NaN where a
             simulation broke off.
         setup: Gives the table and the cable.
-        landing_xy: Landings that are expected [m], shape [action, 2].
-        friction_xy: Landings with `_FRICTION_STEP` less and more friction [m], [2, action, 2].
+        landing_xy: Landings that are expected [m], shape [action, k].
+        friction_xy: Landings with `_FRICTION_STEP` less and more friction [m], [2, action, k].
+        task: Task whose outcomes stand for the landings.
     """
     length = setup.cable.length
-    landings = LANDING.outcome(tracks) / length
+    landings = task.outcome(tracks) / task.units(setup) / length
     there: NDArray[np.bool_] = np.all(np.isfinite(landings), axis=2)
     count = there.sum(axis=0)[:, None]
     summed = np.where(there[..., None], landings, 0.0).sum(axis=0)
     mean = np.where(count > 0, summed / np.maximum(count, 1), np.nan)
-    spread = np.sqrt(0.5 * np.mean(_distances(landings, mean) ** 2, axis=0))
+    spread = np.sqrt(np.mean(_distances(landings, mean) ** 2, axis=0) / landings.shape[-1])
     frictions = _distances(friction_xy[1] / length, friction_xy[0] / length) / (
         2.0 * _FRICTION_STEP
     )

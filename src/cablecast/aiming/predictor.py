@@ -1,5 +1,7 @@
 """LandingPredictor: where casts are expected to land, and how surely.
 
+In another task than a landing, its outcome stands for the landing, over `Task.units` [m].
+
 A policy's network approximates where every action lands in a simulator. Where the best simulator of
 the cable has simulated an action, its own landing is used, and the network only says how the
 landing of an action nearby differs from it. Simulators of different physics tell how far off it may
@@ -17,13 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.aiming.ensemble import EnsembleLandings
 from cablecast.aiming.residual import ArrayRows, Experience, LocalSize, Places, ResidualScales
 from cablecast.cast import Cast
-from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.learning.landing import LandingModel, deviations
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import mirror_to_right
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.task import LANDING
+from cablecast.task import Task
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
 
@@ -56,7 +57,7 @@ class Candidates(ArrayRows):
         actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [action, 5].
         side: +1 right, -1 left, shape [action].
         shifts: From the landing that the policy's network says to that in the best simulator, 0
-            where there is no ensemble [cable lengths], shape [action, 2].
+            where there is no ensemble [cable lengths], shape [action, k].
         leaving: Chance that the free end passes an edge of the table, 0 where there is no ensemble
             [-], shape [action].
         log_sizes: Logarithm of the size of a miss over the usual one, NaN where there is no
@@ -73,16 +74,18 @@ class Candidates(ArrayRows):
     frictions: _Array
 
     @classmethod
-    def unsimulated(cls, actions: _Array, side: _Array, sensitivity: _Array) -> "Candidates":
+    def unsimulated(
+        cls, actions: _Array, side: _Array, sensitivity: _Array, dimension: int = 2
+    ) -> "Candidates":
         """Return candidates that no ensemble has simulated.
 
         `sensitivity` is the shift of the landing for small changes of the action [cable lengths],
-        shape [action].
+        shape [action], `dimension` the number of components of the outcome.
         """
         return cls(
             actions=actions,
             side=side,
-            shifts=np.zeros((len(actions), 2)),
+            shifts=np.zeros((len(actions), dimension)),
             leaving=np.zeros(len(actions)),
             log_sizes=np.full(len(actions), np.nan),
             frictions=USUAL_FRICTION * (sensitivity / DELICATE) ** 2,
@@ -166,7 +169,7 @@ class Beliefs:
             every = slice(None, None, max(1, len(policy.sensitivity) // _SIZE_COUNT))
             landing_xy, values = policy.predicted_xy[every], policy.sensitivity[every]
             return cls(policy=policy, size=LocalSize(landing_xy=landing_xy, values=values))
-        ensemble = EnsembleLandings.of(tuned)
+        ensemble = EnsembleLandings.of(tuned, policy.model.task)
         if kept is not None:
             ensemble.recall(kept)
         actions = feasible_uniform(
@@ -192,6 +195,16 @@ class Beliefs:
         return self.policy.model
 
     @property
+    def task(self) -> Task:
+        """Task whose outcomes are predicted."""
+        return self.model.task
+
+    @property
+    def dimension(self) -> int:
+        """Number of components of an outcome, k."""
+        return len(self.task.coordinates)
+
+    @property
     def length(self) -> float:
         """Length of the cable [m]."""
         return self.policy.setup.cable.length
@@ -211,7 +224,7 @@ class Beliefs:
         return self.model.sensitivity(actions, self.changes) / self.usual_sensitivity
 
     def simulated_xy(self, candidates: Candidates) -> _Array:
-        """Return the simulated landings of candidates to the right [m], shape [action, 2]."""
+        """Return the simulated landings of candidates to the right [m], shape [action, k]."""
         return self.model.predict(candidates.actions) + self.length * candidates.shifts
 
     def places(self, candidates: Candidates, simulated_xy: _Array, sensitivity: _Array) -> Places:
@@ -242,8 +255,8 @@ class Beliefs:
         """The policy's candidates, their simulated landings to the right [m], and their places."""
         actions, side = mirror_to_right(self.policy.actions)
         shift = self.policy.sensitivity
-        candidates = Candidates.unsimulated(actions, side, shift / self.length)
-        simulated_xy = mirror_xy(self.policy.predicted_xy, side)
+        candidates = Candidates.unsimulated(actions, side, shift / self.length, self.dimension)
+        simulated_xy = self.task.mirrored(self.policy.predicted_xy, side)
         sensitivity = shift / self.usual_sensitivity
         return candidates, simulated_xy, self.places(candidates, simulated_xy, sensitivity)
 
@@ -272,9 +285,8 @@ class LandingPredictor:
     @classmethod
     def of(cls, beliefs: Beliefs) -> "LandingPredictor":
         """Return the predictor before any cast."""
-        return cls(
-            beliefs=beliefs, ensemble=beliefs.ensemble, experience=Experience.empty(beliefs.scales)
-        )
+        experience = Experience.empty(beliefs.scales, beliefs.dimension)
+        return cls(beliefs=beliefs, ensemble=beliefs.ensemble, experience=experience)
 
     def with_casts(
         self,
@@ -305,8 +317,9 @@ class LandingPredictor:
         candidates = self.evaluate(*mirror_to_right(actions))
         places, simulated_xy = self._located(candidates)
         table = self.beliefs.policy.setup.workspace
-        ends = np.array([casts[row].read(LANDING, table) for row in rows])
-        ends = mirror_xy(ends, candidates.side)
+        task, units = self.beliefs.task, self.beliefs.model.units
+        ends = np.array([casts[row].read(task, table) for row in rows]) / units
+        ends = task.mirrored(ends, candidates.side)
         there = np.array([casts[row].landed for row in rows]) | (candidates.leaving < 0.5)
         compared = there & np.isfinite(ends).all(axis=1)
         residuals = (ends - simulated_xy) / self.beliefs.length
@@ -329,11 +342,12 @@ class LandingPredictor:
         )
 
     def near(self, target_xy: _Array, tracks: MeasuredTracks) -> "LandingPredictor":
-        """Return a predictor for one target whose simulators take a step towards some casts.
+        """Return a predictor for one goal whose simulators take a step towards some casts.
 
         Simulators that follow the casts near a target predict better what a small change of these
         does. Elsewhere they are no better than before, so casts far from the target are left out,
         which saves the time to simulate them. The simulators were not fitted to those of `tracks`.
+        `target_xy` is the value of the goal, shape [k].
         """
         if self.ensemble is None or not self.casts:
             return self
@@ -361,19 +375,23 @@ class LandingPredictor:
         A cast is near if it was aimed there or landed there, and of two that are equally near the
         later one counts. One without a landing counts where the network expects it.
         """
+        task, units = self.beliefs.task, self.beliefs.model.units
         actions, side = mirror_to_right(np.array([cast.action for cast in self.casts]))
-        landings = np.array([cast.final_xy for cast in self.casts])
-        expected = mirror_xy(self.beliefs.model.predict(actions), side)
-        ends = np.where(np.isfinite(landings), landings, expected)
-        targets = np.array([cast.target_xy for cast in self.casts])
-        far = np.fmin(*(np.linalg.norm(xy - target_xy, axis=1) for xy in (ends, targets)))
+        outcomes = np.array([cast.read(task) for cast in self.casts])
+        expected = units * task.mirrored(self.beliefs.model.predict(actions), side)
+        ends = np.where(np.isfinite(outcomes), outcomes, expected)
+        unaimed = np.full(self.beliefs.dimension, np.nan)
+        goals = np.array([unaimed if one.goal is None else one.goal.value for one in self.casts])
+        far = np.fmin(*(np.linalg.norm((x - target_xy) / units, axis=1) for x in (ends, goals)))
         return np.sort(np.lexsort((-np.arange(len(far)), far))[:_NEAR_COUNT])
 
     def evaluate(self, actions: _Array, side: _Array) -> Candidates:
         """Return candidates with what the ensemble says of them, if there is one."""
         if self.ensemble is None:
             shift = self.beliefs.model.sensitivity(actions, self.beliefs.changes)
-            return Candidates.unsimulated(actions, side, shift / self.beliefs.length)
+            return Candidates.unsimulated(
+                actions, side, shift / self.beliefs.length, self.beliefs.dimension
+            )
         found = self.ensemble.evaluate(actions, side)
         shifts = (found.landing_xy - self.beliefs.model.predict(actions)) / self.beliefs.length
         return Candidates(
@@ -386,7 +404,7 @@ class LandingPredictor:
         )
 
     def expected(self, candidates: Candidates) -> tuple[Places, _Array, _Array]:
-        """Return places, expected landings to the right [m], [action, 2], and their variance.
+        """Return places, expected landings to the right [m], [action, k], and their variance.
 
         The variance is that along each axis without the scatter [square cable lengths], [action].
         """
@@ -401,12 +419,12 @@ class LandingPredictor:
         return simulated_xy + self.beliefs.length * self.experience.residual.means(places)
 
     def predict(self, actions: ArrayLike) -> tuple[_Array, _Array, _Array]:
-        """Predict the landings of actions on either side, shape [action, 5].
+        """Predict the outcomes of actions on either side, shape [action, 5].
 
         Returns:
-            Expected landings [m], shape [action, 2]; their covariances, scatter included [m²],
-            shape [action, 2, 2]; standard deviation of equal casts along each axis [m], shape
-            [action].
+            Expected outcomes, shape [action, k], such as landings [m]; their covariances, scatter
+            included, shape [action, k, k]; standard deviation of equal casts along each axis [m],
+            shape [action].
         """
         candidates = self.evaluate(
             *mirror_to_right(np.atleast_2d(np.asarray(actions, dtype=float)))
@@ -419,11 +437,14 @@ class LandingPredictor:
         shifts = self.beliefs.model.landing_shifts(candidates.actions, self.beliefs.changes)
         along = shifts @ np.swapaxes(shifts, 1, 2)
         along /= np.maximum(np.sum(shifts**2, axis=(1, 2)), 1e-12)[:, None, None]
-        covariance = (1.0 - _ALONG) * np.eye(2) + 2.0 * _ALONG * along
+        count = self.beliefs.dimension
+        covariance = (1.0 - _ALONG) * np.eye(count) + count * _ALONG * along
         covariance *= (length**2 * (variance + scatter))[:, None, None]
         # Seen from the left, x and y vary together the other way.
-        covariance[:, [0, 1], [1, 0]] *= candidates.side[:, None]
-        return mirror_xy(landing_xy, candidates.side), covariance, length * np.sqrt(scatter)
+        signs = self.beliefs.task.mirrored(np.ones_like(landing_xy), candidates.side)
+        factor = self.beliefs.model.units * signs
+        covariance *= factor[:, :, None] * factor[:, None, :]
+        return factor * landing_xy, covariance, length * np.sqrt(scatter)
 
     def _located(self, candidates: Candidates) -> tuple[Places, _Array]:
         """Return the places of candidates and their simulated landings to the right [m]."""

@@ -17,7 +17,6 @@ from cablecast.aiming.predictor import Candidates, LandingPredictor
 from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import Proposal
-from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError
 from cablecast.learning.landing import central_shifts
 from cablecast.learning.policy import COVERAGE_PCT, TABLE_MARGIN, refine_actions, within_ranges
@@ -25,7 +24,7 @@ from cablecast.motion.action import ACTION_SIZE, Action, mirror_actions, mirror_
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions
 from cablecast.setup import Setup
-from cablecast.task import LANDING, Expectation, Goal, MissLaw, shell_points
+from cablecast.task import LANDING, Expectation, Goal, Landing, MissLaw, shell_points
 
 _Array = NDArray[np.float64]
 
@@ -88,18 +87,19 @@ def propose(
     Raises:
         InputError: The arm can follow no action near this target.
     """
-    target = goal.value
+    target = goal.value / predictor.beliefs.model.units
     goals = [target]
-    if sight is not None and sight.is_blind_at(target):
+    is_place = isinstance(goal.task, Landing)
+    if is_place and sight is not None and sight.is_blind_at(target):
         goals += [sight.seen_near(target, margin) for margin in _BLIND_MARGINS]
     tried = try_number > 1
     candidates = Candidates.join([_candidates(predictor, place, tried) for place in goals])
-    risk, failure = _risks(predictor, candidates, target, sight)
+    risk, failure = _risks(predictor, candidates, goal, sight)
     if predictor.ensemble is not None:
         # Moved actions still carry the estimate of the action that they started from.
         few = np.argsort(risk)[:_SHORTLIST_COUNT]
         candidates = predictor.evaluate(candidates.actions[few], candidates.side[few])
-        risk, failure = _risks(predictor, candidates, target, sight)
+        risk, failure = _risks(predictor, candidates, goal, sight)
     best = int(np.argmin(risk))
     if not np.isfinite(risk[best]):
         raise InputError("the arm can follow none of the policy's actions near this target")
@@ -118,13 +118,13 @@ def propose(
             failure=float(failure[best]),
         ),
         inside_coverage=bool(
-            predictor.beliefs.policy.inside_coverage(target, max(goal.within_pct, COVERAGE_PCT))
+            predictor.beliefs.policy.inside_coverage(goal.value, max(goal.within_pct, COVERAGE_PCT))
         ),
     )
 
 
 def _risks(
-    predictor: LandingPredictor, candidates: Candidates, target: _Array, sight: CameraSight | None
+    predictor: LandingPredictor, candidates: Candidates, goal: Goal, sight: CameraSight | None
 ) -> tuple[_Array, _Array]:
     """Return the expected loss of candidates, and their chance of no landing, [action].
 
@@ -132,23 +132,25 @@ def _risks(
     target before, is infinite.
     """
     setup, side = predictor.beliefs.policy.setup, candidates.side
+    task, model = predictor.beliefs.task, predictor.beliefs.model
     places, landing_xy, variance = predictor.expected(candidates)
     scatter = predictor.experience.scatter(places)
     left, variance = LEFT * variance + 2.0 * scatter, variance + scatter
     length = predictor.beliefs.length
-    distance = np.linalg.norm(landing_xy - mirror_xy(target, side), axis=1) / length
+    target = task.mirrored(goal.value / model.units, side)
+    distance = np.linalg.norm(landing_xy - target, axis=1) / length
     motions = mirror_actions(candidates.actions, side)
-    lost = lost_chance(
-        motions, mirror_xy(landing_xy, side), length * np.sqrt(variance), setup, sight
-    )
+    rest_xy = LANDING.mirrored(model.rest(candidates.actions, landing_xy), side)
+    lost = lost_chance(motions, rest_xy, length * np.sqrt(variance), setup, sight)
     seen = (1.0 - lost) * (1.0 - candidates.leaving)
     failure = 1.0 - seen * (1.0 - predictor.experience.failure_chance(places))
-    risk = 0.5 * expected_loss(distance, variance, failure)
-    risk += 0.5 * expected_loss(distance, left, failure, NEXT_NEAR)
-    margin = predictor.beliefs.model.predict_margin(candidates.actions)
+    count = predictor.beliefs.dimension
+    risk = 0.5 * expected_loss(distance, variance, failure, dimension=count)
+    risk += 0.5 * expected_loss(distance, left, failure, NEXT_NEAR, count)
+    margin = model.predict_margin(candidates.actions)
     # An action of an earlier cast may be beyond the arm's limits.
     feasible = check_actions(candidates.actions, setup).mask
-    made = [cast.action for cast in predictor.casts if cast.is_at(target)]
+    made = [cast.action for cast in predictor.casts if cast.is_at(goal.value)]
     step = np.abs(motions[:, None] - np.reshape(made, (-1, ACTION_SIZE))) / SAME_ACTION
     feasible &= np.all(np.max(step, axis=2) > 1.0, axis=1)
     risk[~((margin >= _table_margin(predictor)) & feasible)] = np.inf
@@ -174,7 +176,7 @@ def _moved(predictor: LandingPredictor, candidates: Candidates, target: _Array) 
     """Return candidates near others that are expected to land on the target."""
     moved, _ = refine_actions(
         candidates.actions,
-        mirror_xy(target, candidates.side),
+        predictor.beliefs.task.mirrored(target, candidates.side),
         predictor.beliefs.changes,
         model=_MovedLandings(predictor, candidates),
         table_margin=_table_margin(predictor),
@@ -189,7 +191,7 @@ class _MovedLandings:
 
     def __init__(self, predictor: LandingPredictor, candidates: Candidates):
         self.predictor, self.candidates = predictor, candidates
-        self.setup = predictor.beliefs.policy.setup
+        self.setup, self.task = predictor.beliefs.policy.setup, predictor.beliefs.task
         # It hardly changes nearby.
         self.sensitivity = predictor.beliefs.sensitivities(candidates.actions)
 
@@ -199,7 +201,7 @@ class _MovedLandings:
         return self.predictor.landings(self.candidates[rows].at(actions), self.sensitivity[rows])
 
     def landing_shifts(self, actions: _Array, changes: _Array) -> _Array:
-        """Return the shift of the landing for each change of an action, [action, 2, change]."""
+        """Return the shift of the landing for each change of an action, [action, k, change]."""
         return central_shifts(self.predict, actions, changes)
 
     def predict_margin(self, actions: _Array) -> _Array:
@@ -214,21 +216,21 @@ def _table_margin(predictor: LandingPredictor) -> float:
 
 def _shortlist(predictor: LandingPredictor, target: _Array, tried: bool) -> Candidates:
     """Return the most promising candidates of the policy, and earlier actions, for a target."""
-    right = -1.0 if target[0] < 0 else 1.0
+    task, count = predictor.beliefs.task, predictor.beliefs.dimension
     candidates, simulated_xy, places = predictor.beliefs.policy_candidates
     # The candidates land on the right: for a target on the left all are mirrored.
-    side = right * candidates.side
-    goals = mirror_xy(target, side)
+    side = task.side_of(target) * candidates.side
+    goals = task.mirrored(target, side)
     distance = np.linalg.norm(simulated_xy - goals, axis=1)
-    count = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(predictor.casts)))
-    near = np.argsort(distance)[:count]
+    most = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(predictor.casts)))
+    near = np.argsort(distance)[:most]
     near_places = places[near]
     near_places.inputs[:, -1] = side[near]
     mean, variance = predictor.experience.residual.predict(near_places)
     expected_xy = simulated_xy[near] + predictor.beliefs.length * mean
     distance = np.linalg.norm(expected_xy - goals[near], axis=1) / predictor.beliefs.length
     # Calm ones, which may be moved onto the target, and the nearest, where no calm one reaches.
-    square = distance**2 + 2.0 * (variance + predictor.experience.scatter(near_places))
+    square = distance**2 + count * (variance + predictor.experience.scatter(near_places))
     earlier = _earlier_actions(predictor, target)
     few = predictor.ensemble is None or (tried and len(earlier) > 0)
     half = (_SHORTLIST_COUNT if few else _SIMULATED_COUNT) // 2
@@ -244,8 +246,9 @@ def _least_missing(
 ) -> Candidates:
     """Return the candidates with the least expected miss as they are."""
     _, landing_xy, variance = predictor.expected(candidates)
-    offset = (landing_xy - mirror_xy(target, candidates.side)) / predictor.beliefs.length
-    square = np.sum(offset**2, axis=1) + 2.0 * variance
+    beliefs = predictor.beliefs
+    offset = (landing_xy - beliefs.task.mirrored(target, candidates.side)) / beliefs.length
+    square = np.sum(offset**2, axis=1) + beliefs.dimension * variance
     # A cast without a landing misses by as much as one that lands a cable's length away.
     square = (1.0 - candidates.leaving) * square + candidates.leaving
     return candidates[np.argsort(square)[:_SHORTLIST_COUNT]]
@@ -254,9 +257,8 @@ def _least_missing(
 def _earlier_actions(predictor: LandingPredictor, target: _Array) -> _Array:
     """Return the actions of casts that landed nearest to a target, shape [action, 5]."""
     landed = [cast for cast in predictor.casts if cast.landed]
-    miss = [
-        float(LANDING.miss(cast.outcome, target, predictor.beliefs.policy.setup)) for cast in landed
-    ]
+    task, model = predictor.beliefs.task, predictor.beliefs.model
+    miss = [float(task.miss(cast.read(task), model.units * target, model.setup)) for cast in landed]
     near = [row for row in np.argsort(miss)[:_EARLIER_COUNT] if miss[row] < _EARLIER_REACH]
     return np.array([landed[row].action for row in near]).reshape(-1, ACTION_SIZE)
 
@@ -266,6 +268,7 @@ def expected_loss(
     variance: NDArray[np.float64],
     failure: NDArray[np.float64],
     near: float = NEAR,
+    dimension: int = 2,
 ) -> NDArray[np.float64]:
     """Return the expected loss of casts.
 
@@ -278,9 +281,10 @@ def expected_loss(
         variance: Variance of the landing along each axis [square cable lengths], shape [action].
         failure: Chance of a cast without a landing [-], shape [action].
         near: Miss beyond which it hardly matters how large a miss is [cable lengths].
+        dimension: Number of components of the outcome.
     """
     width = near**2 + variance
-    gain = near**2 / width * np.exp(-(distance**2) / (2.0 * width))
+    gain = (near**2 / width) ** (0.5 * dimension) * np.exp(-(distance**2) / (2.0 * width))
     return 1.0 - (1.0 - failure) * gain
 
 

@@ -44,12 +44,14 @@ class ArrayRows:
         )
 
 
-PLACE_COUNT = 8
-"""Coordinates of a place: five features, two of the simulated landing, and the side."""
+def length_scales(dimension: int = 2) -> NDArray[np.float64]:
+    """Return the length scales of the process along the coordinates of a place.
 
-LENGTH_SCALES = np.array([1.2, 1.2, 1.2, 1.5, 1.2, 1.2, 1.2, 3.0])
-"""Length scales of the process along the normalised features of the action, the normalised
-landing, and the side (+1 right, -1 left), which is 2 from one to the other."""
+    These are the five normalised features of the action, the normalised outcome of `dimension`
+    components, and the side (+1 right, -1 left), which is 2 from one to the other.
+    """
+    return np.array([1.2, 1.2, 1.2, 1.5, 1.2, *[1.2] * dimension, 3.0])
+
 
 FRICTION_SIZE, FRICTION_REACH = 0.05, 3.0
 """Usual standard deviation of h along each of x and y, as a relative change of the friction, and
@@ -108,7 +110,7 @@ class Places(ArrayRows):
     """Coordinates of some actions for the process.
 
     Attributes:
-        inputs: Coordinates, shape [action, 8].
+        inputs: Coordinates, see `length_scales`, shape [action, 6 + k].
         log_sizes: Logarithm of the local size over that of a usual cast, shape [action].
         log_scatters: Logarithm of the scatter over that of a usual cast, shape [action].
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape
@@ -127,7 +129,7 @@ class FewCastResidual:
 
     Attributes:
         places: Places of the casts.
-        residuals: Measured minus simulated landings [cable lengths], shape [cast, 2].
+        residuals: Measured minus simulated outcomes [cable lengths], shape [cast, k].
         scatter: Factor of each cast's noise beyond that of `scales`, shape [cast].
         believed: Parameters that are expected before any cast.
         scales: Parameters of the process.
@@ -140,17 +142,17 @@ class FewCastResidual:
     scales: ResidualScales = dataclasses.field(default_factory=ResidualScales)
 
     @classmethod
-    def empty(cls, believed: ResidualScales | None = None) -> "FewCastResidual":
-        """Return the process before any cast, with parameters that are expected."""
+    def empty(cls, believed: ResidualScales | None = None, dimension: int = 2) -> "FewCastResidual":
+        """Return the process of k = `dimension` before any cast, with expected parameters."""
         believed = believed or ResidualScales()
         return cls(
             places=Places(
-                inputs=np.empty((0, PLACE_COUNT)),
+                inputs=np.empty((0, len(length_scales(dimension)))),
                 log_sizes=np.empty(0),
                 log_scatters=np.empty(0),
                 frictions=np.empty(0),
             ),
-            residuals=np.empty((0, 2)),
+            residuals=np.empty((0, dimension)),
             scatter=np.empty(0),
             believed=believed,
             scales=believed,
@@ -162,18 +164,18 @@ class FewCastResidual:
     def with_cast(
         self, place: Places, residual: NDArray[np.float64], scatter: float = 1.0
     ) -> "FewCastResidual":
-        """Return the process with one more cast, its residual [cable lengths], shape [2]."""
+        """Return the process with one more cast, its residual [cable lengths], shape [k]."""
         return dataclasses.replace(
             self,
             places=Places.join([self.places, place]),
-            residuals=np.concatenate([self.residuals, np.reshape(residual, (1, 2))]),
+            residuals=np.concatenate([self.residuals, np.reshape(residual, (1, -1))]),
             scatter=np.append(self.scatter, scatter),
         )
 
     def predict(self, places: Places) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return expected residuals [cable lengths], shape [action, 2], and their variance.
+        """Return expected residuals [cable lengths], shape [action, k], and their variance.
 
-        The variance is that along each of x and y, without scatter [square cable lengths], shape
+        The variance is that along each axis, without scatter [square cable lengths], shape
         [action].
         """
         kernel = self._kernel(places)
@@ -183,7 +185,7 @@ class FewCastResidual:
         return kernel @ self._solved, np.maximum(prior - explained, 0.0)
 
     def means(self, places: Places) -> NDArray[np.float64]:
-        """Return the expected residuals alone, for very many actions, shape [action, 2]."""
+        """Return the expected residuals alone, for very many actions, shape [action, k]."""
         return self._kernel(places) @ self._solved
 
     def scatter_variance(self, places: Places) -> NDArray[np.float64]:
@@ -227,7 +229,7 @@ class FewCastResidual:
         trial = dataclasses.replace(self, scales=ResidualScales.from_array(values))
         factor = np.linalg.cholesky(trial._covariance)
         whitened = np.linalg.solve(factor, self.residuals)
-        volume = 2.0 * float(np.log(np.diag(factor)).sum())
+        volume = self.residuals.shape[1] * float(np.log(np.diag(factor)).sum())
         return 0.5 * float(np.sum(whitened**2)) + volume + prior
 
     def _kernel(self, places: Places) -> NDArray[np.float64]:
@@ -261,7 +263,7 @@ class FewCastResidual:
 
 def _correlation(places: Places, others: Places, length: float) -> NDArray[np.float64]:
     """Return the correlation at some factor of all length scales, shape [action, other]."""
-    scales = length * LENGTH_SCALES
+    scales = length * length_scales(places.inputs.shape[1] - len(length_scales(0)))
     return matern(places.inputs / scales, others.inputs / scales)
 
 
@@ -276,7 +278,7 @@ class LocalSize:
     """Smooth map of the size over the table.
 
     Attributes:
-        landing_xy: Simulated landings of some actions to the right [m], shape [action, 2].
+        landing_xy: Simulated landings of some actions to the right [m], shape [action, k].
         values: Size of a miss or sensitivity of these landings, in any unit, shape [action].
     """
 
@@ -363,9 +365,9 @@ class Experience:
     ended: Places
 
     @classmethod
-    def empty(cls, believed: ResidualScales | None = None) -> "Experience":
-        """Return the experience before any cast, with scales that are expected."""
-        residual = FewCastResidual.empty(believed)
+    def empty(cls, believed: ResidualScales | None = None, dimension: int = 2) -> "Experience":
+        """Return the experience of k = `dimension` before any cast, with expected scales."""
+        residual = FewCastResidual.empty(believed, dimension)
         return cls(
             residual=residual,
             innovations=np.empty(0),
@@ -390,8 +392,8 @@ class Experience:
 
         Args:
             place: Place of the cast.
-            residual: Measured minus simulated landing [cable lengths], shape [2]; None for a cast
-                without a landing.
+            residual: Measured minus simulated outcome [cable lengths], shape [k]; None for a cast
+                without one.
             fitted: Whether the simulator was fitted to the cast.
             aimed: Whether the cast was aimed at a target.
             age: Factor of its noise where it is known; drifts are noticed where None.
@@ -402,7 +404,7 @@ class Experience:
         mean, variance = self.residual.predict(place)
         scatter = self.residual.scatter_variance(place)
         total = float(variance[0] + scatter[0])
-        innovation = float(np.sum((residual - mean[0]) ** 2) / (2.0 * total))
+        innovation = float(np.sum((residual - mean[0]) ** 2) / (len(residual) * total))
         grown = dataclasses.replace(
             self,
             residual=self.residual.with_cast(place, residual),

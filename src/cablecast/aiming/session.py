@@ -27,7 +27,7 @@ from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
 from cablecast.runs.progress import ProgressCallback, show
 from cablecast.setup import Setup
-from cablecast.task import LANDING, Goal, MissLaw
+from cablecast.task import Goal, MissLaw, Task
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
@@ -196,6 +196,7 @@ class AimSession:
 
     Attributes:
         setup: Cable, workspace, arm and motion settings.
+        task: Task of its goals: that of the model.
         store: All casts, with discarded ones.
         predictor: Beliefs of the model, conditioned on the casts.
         sight: Limits of the sight of the rig's camera; None while they are unknown.
@@ -220,8 +221,9 @@ class AimSession:
         self.config = config or AimConfig()
         self.simulators = simulators or SimulatorConfig()
         self.setup: Setup = model.policy.setup
+        self.task: Task = model.policy.model.task
         is_open = isinstance(out, CastStore)
-        self.store = out if is_open else CastStore(self.setup, out)
+        self.store = out if is_open else CastStore(self.setup, out, self.task)
         if casts is not None:
             self.store.add_dataset(casts)
         self.sight: CameraSight | None = None
@@ -360,7 +362,7 @@ class AimSession:
         before = min(misses[:-STUCK_COUNT], default=math.inf)
         stuck = len(misses) >= STUCK_COUNT and min(misses[-STUCK_COUNT:]) >= before
         if landed:
-            scatter = math.sqrt(2.0) * proposal.expected.scatter / length
+            scatter = math.sqrt(len(goal.value)) * proposal.expected.scatter / length
             no_nearer = math.hypot(expected, scatter) >= _NEARER * miss(near)
             unlikely = len(casts) >= 2 and proposal.hit_chance < _UNLIKELY and no_nearer
         else:
@@ -422,20 +424,19 @@ class AimSession:
         r: ArrayLike | None = None,
         theta_deg: ArrayLike | None = None,
     ) -> tuple[Goal, ...]:
-        """Return checked goals with the tolerance of the session; see `Landing.values`."""
-        return LANDING.goals(
+        """Return checked goals with the tolerance of the session; see `values` of the task."""
+        return self.task.goals(
             self.setup, target_xy, within_pct=self.config.within_pct, r=r, theta_deg=theta_deg
         )
 
     def predictor_at(self, target_xy: NDArray[np.float64]) -> LandingPredictor:
-        """Return the predictor for one target [m], shape [2].
+        """Return the predictor for one goal by its value, shape [k].
 
         Its simulators have taken a step towards the casts near the target that they were not fitted
         to. The last one is kept.
         """
-        rows = casts_near(
-            [row for row in self.active_casts() if not self.model.has_fitted(*row)], target_xy
-        )
+        active = [row for row in self.active_casts() if not self.model.has_fitted(*row)]
+        rows = casts_near(active, Goal(task=self.task, setup=self.setup, value=target_xy))
         if not rows:
             return self.predictor
         key = (self.predictor, tuple(rows), tuple(target_xy))
@@ -540,18 +541,18 @@ class AimSession:
         self.use(self.fit(progress))
 
 
-def casts_near(casts: Sequence[tuple[int, Cast]], target_xy: NDArray[np.float64]) -> list[int]:
-    """Return the numbers of the casts that tell most of a target, in ascending order.
+def casts_near(casts: Sequence[tuple[int, Cast]], goal: Goal) -> list[int]:
+    """Return the numbers of the casts that tell most of a goal, in ascending order.
 
     Those that were aimed at it come first, the latest before earlier ones, then those that landed
     nearest to it.
     """
     aimed, landed = [], []
     for number, cast in casts:
-        if cast.is_at(target_xy):
+        if cast.is_at(goal.value):
             aimed.append(number)
         elif cast.landed:
-            landed.append((float(np.linalg.norm(cast.final_xy - target_xy)), number))
+            landed.append((float(goal.miss(cast.read(goal.task))), number))
     chosen = [*reversed(aimed), *(number for _, number in sorted(landed))]
     return sorted(chosen[:LOCAL_COUNT])
 
@@ -589,7 +590,7 @@ def refit_due(
     if distance:
         return due(RefitReason.POOR_FIT, size=distance)
     innovations = [
-        0.5 * cast.square
+        cast.square / len(cast.target_xy)
         for cast in casts[fitted_count:]
         if cast.try_number == 1 and np.isfinite(cast.square)
     ]

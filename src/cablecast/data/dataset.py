@@ -31,6 +31,7 @@ from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath
 from cablecast.runs.folder import fingerprint
 from cablecast.setup import SECTIONS, Setup
+from cablecast.task import Landing, Task
 
 T = TypeVar("T")
 
@@ -117,6 +118,20 @@ class Dataset:
         """Number of trials of each status, by its code."""
         codes, counts = np.unique(self.status, return_counts=True)
         return dict(zip(codes.tolist(), counts.tolist(), strict=True))
+
+    def outcomes(self, task: Task) -> Array:
+        """Return the outcomes of simulated casts in a task, shape [row, k]; NaN where unknown.
+
+        Raises:
+            DatasetError: They were simulated for another task.
+        """
+        if isinstance(task, Landing):
+            return self.endpoint_xy
+        if self.info.get("settings", {}).get("task") != task.name:
+            raise DatasetError(
+                f"{self._name} has no outcomes of {task.name}: simulate it for these"
+            )
+        return np.array(self.extra["outcome"], dtype=float)
 
     def table_margin(self) -> Array:
         """Return the free end's least distance from the table's edges by cast [m], shape [row].

@@ -54,6 +54,7 @@ COLUMNS = (
 )
 
 OPTIONAL_COLUMNS = (
+    Column("outcome", "list", "-", "outcome in the task that it was simulated for, if no landing"),
     Column("repeat", "int64", "-", "repeat of the same action, from 0"),
     Column("times", "list", "s", "times of the track"),
     Column("track_x", "list", "m", "x of the free end at these times"),

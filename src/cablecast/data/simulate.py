@@ -33,7 +33,7 @@ from cablecast.runs.folder import plain_settings
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore
 from cablecast.runs.workers import LOCAL, check_workers, run_tasks
 from cablecast.setup import Setup
-from cablecast.task import LANDING
+from cablecast.task import LANDING, Landing, Task
 
 SIMULATED_COUNT = 36_000
 """Number of actions in D_sim (section V-F)."""
@@ -57,6 +57,7 @@ def simulate_dataset(
     count: int = SIMULATED_COUNT,
     seed: int = 0,
     ranges: ActionRanges | None = None,
+    task: Task = LANDING,
     shard_rows: int | None = None,
     workers: str = LOCAL,
     progress: ProgressCallback = ignore,
@@ -67,7 +68,7 @@ def simulate_dataset(
     None. The dynamics may be parameters of the cable alone; they are the cable's own where None.
     Shards take the engine's device a few seconds each, unless their rows are given. They may be
     simulated on a cluster (see `check_workers`): rows are equal to the bit on processors of one
-    kind.
+    kind. Outcomes in another task than a landing are kept beside the landings.
 
     Raises:
         DatasetError: The folder holds another dataset or other files, or a shard is damaged.
@@ -93,6 +94,7 @@ def simulate_dataset(
         "settle_time": SETTLE_TIME,
         "count": count,
         "seed": seed,
+        **({} if isinstance(task, Landing) else {"task": task.name}),
     }
     path = pathlib.Path(path)
     # To choose the actions takes seconds, which a finished dataset need not spend.
@@ -105,10 +107,10 @@ def simulate_dataset(
         row_count=count,
         shard_rows=shard_rows,
     )
-    task = f"Simulating {setup.cable.name}"
+    words = f"Simulating {setup.cable.name}"
 
     def report(done: int) -> None:
-        progress(Progress(task=task, done=done, total=count, unit="casts"))
+        progress(Progress(task=words, done=done, total=count, unit="casts"))
 
     with writer:
         if not writer.was_complete:
@@ -119,9 +121,9 @@ def simulate_dataset(
             done = count - sum(len(writer.rows_of(shard)) for shard in missing)
             report(done)
             tasks = [(shard, (actions[writer.rows_of(shard)], dynamics)) for shard in missing]
-            function, shared = simulate_actions, (setup, spread(engine, LOCAL))
+            function, shared = simulate_actions, (setup, spread(engine, LOCAL), task)
             if made is not None:
-                function, shared = _simulate_remotely, (setup, made)
+                function, shared = _simulate_remotely, (setup, made, task)
             for shard, columns in run_tasks(function, tasks, workers, shared):
                 rows = writer.rows_of(shard)
                 writer.write_shard(shard, {"index": np.arange(rows.start, rows.stop)} | columns)
@@ -129,7 +131,7 @@ def simulate_dataset(
                 report(done)
             writer.finish()
         else:
-            progress(Progress(task=task, note=DONE_NOTE))
+            progress(Progress(task=words, note=DONE_NOTE))
     return read_dataset(path)
 
 
@@ -159,10 +161,11 @@ def _simulate_remotely(
     dynamics: Dynamics,
     setup: Setup,
     made: tuple[type, dict[str, Any]],
+    task: Task,
 ) -> dict[str, Any]:
     """Simulate a shard on a worker, with an engine made there."""
     kind, options = made
-    return simulate_actions(actions, dynamics, setup, kind(**options))
+    return simulate_actions(actions, dynamics, setup, kind(**options), task)
 
 
 def actions_digest(actions: Array) -> str:
@@ -176,10 +179,12 @@ def simulate_actions(
     dynamics: Dynamics | CableParams,
     setup: Setup,
     engine: Engine,
+    task: Task = LANDING,
 ) -> dict[str, Any]:
     """Simulate actions, shape [row, 5], and return all columns of a dataset but `index`.
 
-    The dynamics are shared by all rows, or one value per row.
+    The dynamics are shared by all rows, or one value per row. Outcomes in another task than a
+    landing are in `outcome`.
     """
     dynamics = Dynamics.of(dynamics, setup)
     actions = action_rows(actions)
@@ -198,4 +203,5 @@ def simulate_actions(
         | dict(zip(ENDPOINT_COLUMNS, endpoint_xy.T, strict=True))
         | {"status": status.tolist(), "duration": grip_paths.duration}
         | dict(zip(EXTENT_COLUMNS, extent.T, strict=True))
+        | ({} if isinstance(task, Landing) else {"outcome": list(task.outcome(track))})
     )

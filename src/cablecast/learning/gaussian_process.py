@@ -66,7 +66,7 @@ class GaussianProcessModel(LandingModel):
     def predict(self, actions: ArrayLike) -> NDArray[np.float64]:
         """Predict where the free end comes to rest; see `LandingModel.predict`."""
         points = self.normalize(actions) / self.length_scales
-        outputs = np.empty((len(points), 2))
+        outputs = np.empty((len(points), self.coefficients.shape[1]))
         for start in range(0, len(points), _CHUNK_ROWS):
             rows = slice(start, start + _CHUNK_ROWS)
             outputs[rows] = matern(points[rows], self.inputs) @ self.coefficients

@@ -1,4 +1,7 @@
-"""LandingModel: base class of the models that predict the landing of a cast from its action.
+"""LandingModel: base class of the models that predict the outcome of a cast from its action.
+
+The outcome is that of a task, a landing unless said otherwise, over `Task.units`: a cable length of
+any component is a cable length [m] for all that learns from it.
 
 Prediction needs only NumPy; torch is needed only for training, so planning starts at once.
 """
@@ -19,6 +22,7 @@ from cablecast.learning.checkpoint import Checkpoint, digest, read_checkpoint, w
 from cablecast.motion.action import ACTION_SIZE, ActionRanges, action_rows
 from cablecast.motion.feasibility import feasible_ranges
 from cablecast.setup import Setup
+from cablecast.task import LANDING, Landing, Task
 
 FEATURE_COUNT = ACTION_SIZE
 
@@ -104,16 +108,18 @@ LEFT_TABLE_MARGIN = -0.05
 """Margin assigned to a cast that left the table outside the camera's view [m]."""
 
 
-def known_endpoint_rows(dataset: Dataset) -> NDArray[np.intp]:
-    """Return the indices of the rows with a known endpoint.
+def known_endpoint_rows(dataset: Dataset, task: Task = LANDING) -> NDArray[np.intp]:
+    """Return the indices of the rows with a known endpoint, and outcome in a task.
 
     Args:
         dataset: Simulated casts.
+        task: Task.
 
     Raises:
         InputError: There are fewer than `MIN_ROWS`.
     """
-    rows = np.flatnonzero(dataset.finite & np.isfinite(dataset.actions).all(axis=1))
+    known = np.hstack([dataset.outcomes(task), dataset.actions])
+    rows = np.flatnonzero(dataset.finite & np.isfinite(known).all(axis=1))
     if len(rows) < MIN_ROWS:
         raise InputError(
             f"{len(rows)} of {len(dataset)} rows have a known endpoint: training needs {MIN_ROWS}"
@@ -183,37 +189,41 @@ def central_shifts(
     actions: NDArray[np.float64],
     changes: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the change of a predicted endpoint for each change of an action.
+    """Return the change of a predicted outcome for each change of an action.
 
     Args:
-        predict: Predicts endpoints [m], shape [row, 2], of actions, shape [row, 5].
+        predict: Predicts outcomes [m], shape [row, k], of actions, shape [row, 5].
         actions: Actions, shape [action, 5].
         changes: Perturbations of an action, see `deviations`, shape [change, 5].
 
     Returns:
-        Shift of the endpoint by central differences [m], shape [action, 2, change].
+        Shift of the outcome by central differences [m], shape [action, k, change].
     """
     # One call for all of them: a network takes hardly longer for many rows than for a few.
     rows = (actions + np.stack([changes, -changes])[:, :, None]).reshape(-1, actions.shape[1])
-    ahead, back = predict(rows).reshape(2, len(changes), len(actions), 2)
+    predicted = predict(rows)
+    ahead, back = predicted.reshape(2, len(changes), len(actions), predicted.shape[1])
     return np.asarray(np.moveaxis(ahead - back, 0, -1) / 2)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LandingModel:
-    """Predict the endpoint of a cast from its action.
+    """Predict the outcome of a cast from its action.
 
     Attributes:
         feature_mean: Mean of each feature over the training rows, shape [5].
         feature_scale: Standard deviation of each feature, shape [5].
-        endpoint_mean: Mean endpoint [m], shape [2].
-        endpoint_scale: Scale of the endpoint [m], the same for x and y to preserve distances.
+        endpoint_mean: Mean outcome [m], shape [k].
+        endpoint_scale: Scale of the outcome [m], the same for x and y to preserve distances.
         margin_features: Normalised features of the rows with a known table margin, shape [row, 5].
         margins: Least distance of the free end from the table's edges during these casts, negative
             where it left the table [m], shape [row].
         info: Configuration, metrics, learning curve, versions, and the settings and fingerprint of
             the dataset.
         lab: Set-up of the same settings whose robot bounds the motions; None for that of the casts.
+        task: Task whose outcomes it predicts.
+        rest_xy: Resting points of the rows with a known table margin [m], shape [row, 2]; not used
+            by a model of landings.
     """
 
     feature_mean: NDArray[np.float64]
@@ -228,38 +238,40 @@ class LandingModel:
     )
     info: dict[str, Any] = dataclasses.field(default_factory=dict)
     lab: Setup | None = None
+    task: Task = LANDING
+    rest_xy: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.empty((0, 2)))
 
     FORMAT: ClassVar[str]
 
     def predict(self, actions: ArrayLike) -> NDArray[np.float64]:
-        """Predict where the free end comes to rest.
+        """Predict the outcome of casts, by default where the free end comes to rest.
 
         Args:
             actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [action, 5].
 
         Returns:
-            Endpoints [m], shape [action, 2].
+            Outcomes over `units` [m], shape [action, k].
         """
         raise NotImplementedError
 
     def landing_shifts(
         self, actions: NDArray[np.float64], changes: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the change of the predicted endpoint for each change of an action.
+        """Return the change of the predicted outcome for each change of an action.
 
         Args:
             actions: Actions, shape [action, 5].
             changes: Perturbations of an action, see `deviations`, shape [change, 5].
 
         Returns:
-            Shift of the endpoint by central differences [m], shape [action, 2, change].
+            Shift of the outcome by central differences [m], shape [action, k, change].
         """
         return central_shifts(self.predict, actions, changes)
 
     def sensitivity(
         self, actions: NDArray[np.float64], changes: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the root of the summed squared endpoint shifts of each action.
+        """Return the root of the summed squared shifts of the outcome of each action.
 
         Args:
             actions: Actions, shape [action, 5].
@@ -295,6 +307,11 @@ class LandingModel:
         """Cable, workspace, arm and motion settings of the training casts, or of `lab`."""
         return self.settings.setup if self.lab is None else self.lab
 
+    @property
+    def units(self) -> NDArray[np.float64]:
+        """Change of each component of an outcome that counts as one metre, shape [k]."""
+        return self.task.units(self.setup)
+
     def in_lab(self, setup: Setup) -> Self:
         """Return the model for a set-up of the same settings, whose robot bounds the motions."""
         return dataclasses.replace(self, lab=setup)
@@ -315,7 +332,7 @@ class LandingModel:
         return features.astype(np.float32)
 
     def normalize_endpoints(self, endpoint_xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return normalised endpoints, shape [action, 2]."""
+        """Return normalised outcomes, shape [action, k], of those over `units` [m]."""
         return (endpoint_xy - self.endpoint_mean) / self.endpoint_scale
 
     def predict_margin(self, actions: ArrayLike) -> NDArray[np.float64]:
@@ -330,13 +347,25 @@ class LandingModel:
         Returns:
             Margins [m], negative where the free end leaves the table, shape [action].
         """
-        neighbor_count = min(MARGIN_NEIGHBORS, len(self.margins))
+        return self._interpolated(actions, self.margins)
+
+    def rest(self, actions: ArrayLike, outcomes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where the free end comes to rest in casts of some outcomes [m], shape [action, 2].
+
+        That is the outcome of a landing itself. For another task it is interpolated, as a margin.
+        """
+        if isinstance(self.task, Landing):
+            return outcomes
+        return np.stack([self._interpolated(actions, xy) for xy in self.rest_xy.T], axis=-1)
+
+    def _interpolated(self, actions: ArrayLike, values: NDArray) -> NDArray[np.float64]:
+        neighbor_count = min(MARGIN_NEIGHBORS, len(values))
         distance, index = self._margin_tree.query(
             self.normalize(actions), k=neighbor_count, workers=-1
         )
         distance, index = (np.reshape(a, (-1, neighbor_count)) for a in (distance, index))
         weight = 1.0 / np.maximum(distance, 1e-9)
-        return np.sum(weight * self.margins[index], axis=1) / weight.sum(axis=1)
+        return np.sum(weight * values[index], axis=1) / weight.sum(axis=1)
 
     @functools.cached_property
     def _margin_tree(self):
@@ -345,7 +374,7 @@ class LandingModel:
         return KDTree(self.margin_features)
 
     def with_margins(self, dataset: Dataset) -> Self:
-        """Return this model with the table margins of a dataset.
+        """Return this model with the table margins and resting points of a dataset.
 
         Args:
             dataset: Simulated or real casts.
@@ -355,6 +384,7 @@ class LandingModel:
             self,
             margin_features=self.normalize(dataset.actions[rows]),
             margins=margins.astype(np.float32),
+            rest_xy=dataset.endpoint_xy[rows],
         )
 
     def save(self, folder: str | pathlib.Path) -> None:
@@ -362,7 +392,12 @@ class LandingModel:
 
         Args:
             folder: Folder for `model.safetensors` and `model.json`.
+
+        Raises:
+            InputError: The model is one of another task than a landing.
         """
+        if not isinstance(self.task, Landing):
+            raise InputError(f"a model of {self.task.name} has no checkpoint: those of landings do")
         write_checkpoint(folder, self.FORMAT, self.tensors(), self.info)
 
     @classmethod

@@ -30,6 +30,7 @@ from cablecast.learning.landing import (
 from cablecast.runs.folder import settings_differences
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import SECTIONS
+from cablecast.task import LANDING, Task
 
 # Rows per pass through the network: enough for fast products, few enough for the cache.
 _CHUNK_ROWS = 4096
@@ -81,7 +82,7 @@ class ForwardModel(LandingModel):
     def normalized_casts(
         self, actions: NDArray[np.float64], endpoint_xy: NDArray[np.float64]
     ) -> "Casts":
-        """Return actions, shape [row, 5], and endpoints [m], shape [row, 2], for training."""
+        """Return actions, shape [row, 5], and outcomes [m], shape [row, k], for training."""
         return self.normalize(actions), self.normalize_endpoints(endpoint_xy).astype(np.float32)
 
     def _own_tensors(self) -> dict[str, NDArray]:
@@ -112,7 +113,7 @@ Curve = list[dict[str, float]]
 Rows = NDArray[np.intp]
 
 Casts = tuple[NDArray[np.float32], NDArray[np.float32]]
-"""Normalised features, shape [row, 5], and normalised endpoints, shape [row, 2]."""
+"""Normalised features, shape [row, 5], and normalised outcomes, shape [row, k]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -165,17 +166,20 @@ REAL_ONLY = TrainingConfig(
 """Settings for training a network on a few hundred real casts alone."""
 
 
-def initial_weights(config: TrainingConfig, seed: int, *, paced: bool) -> Weights:
+def initial_weights(
+    config: TrainingConfig, seed: int, *, paced: bool, output_count: int = 2
+) -> Weights:
     """Return random weights that keep the variance from layer to layer (He).
 
     Args:
         config: Widths of the layers.
         seed: Seed of the weights, which are the same on any machine and device.
         paced: Whether the pace varies; the weights of a feature that is always 0 are 0.
+        output_count: Number of components of the outcome.
     """
     generator = stream(seed, "weights")
     feature_count = FEATURE_COUNT if paced else FEATURE_COUNT - 1
-    widths = [feature_count, *[config.hidden_width] * config.hidden_count, 2]
+    widths = [feature_count, *[config.hidden_width] * config.hidden_count, output_count]
     layers = []
     for fan_in, fan_out in itertools.pairwise(widths):
         matrix = generator.normal(scale=np.sqrt(2.0 / fan_in), size=(fan_in, fan_out))
@@ -301,6 +305,7 @@ def fit_network(
 def train_forward_model(
     dataset: Dataset,
     *,
+    task: Task = LANDING,
     config: TrainingConfig | None = None,
     seed: int = 0,
     device: str = "cpu",
@@ -315,6 +320,7 @@ def train_forward_model(
 
     Args:
         dataset: Simulated casts.
+        task: Task whose outcomes the model predicts.
         config: Settings of the training.
         seed: Seed for the held-out rows, the initial weights and the order of the rows. Equal seeds
             give equal weights on the same machine.
@@ -327,14 +333,21 @@ def train_forward_model(
         MissingExtraError: torch is not installed.
     """
     config = config or TrainingConfig()
-    rows = known_endpoint_rows(dataset)
+    rows = known_endpoint_rows(dataset, task)
     order = rows[stream(seed, "held-out casts").permutation(len(rows))]
     held_out_count = max(1, round(config.held_out_fraction * len(order)))
     held_out, training = order[:held_out_count], order[held_out_count:]
-    actions, endpoint_xy = dataset.actions, dataset.endpoint_xy
+    actions = dataset.actions
+    endpoint_xy = dataset.outcomes(task) / task.units(dataset.setup)
     model = ForwardModel(
         **normalization(actions[training], endpoint_xy[training]),
-        weights=initial_weights(config, seed, paced=_is_paced(actions[training])),
+        weights=initial_weights(
+            config,
+            seed,
+            paced=_is_paced(actions[training]),
+            output_count=endpoint_xy.shape[1],
+        ),
+        task=task,
     ).with_margins(dataset)
     began = time.monotonic()
     with one_thread():

@@ -45,7 +45,7 @@ from cablecast.motion.feasibility import check_actions, feasible_actions
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.setup import Setup
-from cablecast.task import LANDING
+from cablecast.task import LANDING, Task
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -229,14 +229,19 @@ class Landings(Protocol):
 
     setup: Any
 
+    @property
+    def task(self) -> Task:
+        """Task whose outcomes are predicted."""
+        ...
+
     def predict(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Predict landings [m], shape [action, 2]."""
+        """Predict outcomes [m], shape [action, k]."""
         ...
 
     def landing_shifts(
         self, actions: NDArray[np.float64], changes: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the shift of the landing for each change of an action, [action, 2, change]."""
+        """Return the shift of the outcome for each change of an action, [action, k, change]."""
         ...
 
     def predict_margin(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -254,7 +259,7 @@ def refine_actions(
     iterations: int = ITERATION_COUNT,
     fractions: Sequence[float] = (1.0,),
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Move the predicted landings onto the targets by the smallest changes of the actions.
+    """Move the predicted outcomes onto the targets by the smallest changes of the actions.
 
     Many changes of the variables move the landing to the same point of the plane. Each Newton
     step takes the smallest of them, in units of `DEVIATION`. If the arm could not follow the
@@ -262,18 +267,18 @@ def refine_actions(
 
     Args:
         actions: Feasible actions for either side, shape [target, 5].
-        target_xy: Targets [m], shape [target, 2].
+        target_xy: Outcomes to reach [m], shape [target, k].
         changes: Perturbations of an action, see `deviations`, shape [change, 5].
-        model: Model of landings, valid for theta2 > 0.
+        model: Model of outcomes, valid for theta2 > 0.
         table_margin: Distance that the free end must keep within the table's edges [m].
         iterations: Number of Newton steps.
         fractions: Parts of the way that are tried in turn until the arm can follow.
 
     Returns:
-        Actions and their predicted landings [m], shapes [target, 5] and [target, 2].
+        Actions and their predicted outcomes [m], shapes [target, 5] and [target, k].
     """
     start, side = mirror_to_right(actions)
-    targets = mirror_xy(target_xy, side)
+    targets = model.task.mirrored(target_xy, side)
     start_xy = model.predict(start)
     moved, moved_xy = start.copy(), start_xy
     for _ in range(iterations):
@@ -297,7 +302,7 @@ def refine_actions(
             taken[rows] = stays & check_actions(tried[rows], model.setup).mask
         final[taken], final_xy[taken] = tried[taken], tried_xy[taken]
         left_over &= ~taken
-    return mirror_actions(final, side), mirror_xy(final_xy, side)
+    return mirror_actions(final, side), model.task.mirrored(final_xy, side)
 
 
 def within_ranges(actions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -348,7 +353,8 @@ class ForwardSearchPolicy:
     Attributes:
         model: Model that predicts the landings and refines the plans.
         actions: Candidates that stay on the table, shape [candidate, 5].
-        predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2].
+        predicted_xy: Their predicted landings, x >= 0 [m], shape [candidate, 2]; outcomes over
+            `LandingModel.units` of another task.
         sensitivity: Root of the summed squares of the landing's shifts for 1 degree of theta1, of
             theta2 and of psi, for 1 cm of r2 and for 0.01 of a pace that varies [m], shape
             [candidate].
@@ -406,7 +412,9 @@ class ForwardSearchPolicy:
         """
         check_number("table_margin", table_margin, -TABLE_MARGIN_MAX, TABLE_MARGIN_MAX, "m")
         predicted_xy, margin = model.predict(actions), model.predict_margin(actions)
-        kept = (margin >= table_margin) & model.setup.workspace.on_table(predicted_xy)
+        kept = (margin >= table_margin) & model.setup.workspace.on_table(
+            model.rest(actions, predicted_xy)
+        )
         if not np.any(kept):
             raise InputError(
                 f"none of {len(actions)} candidates is predicted to keep {table_margin:g} m within "
@@ -422,11 +430,11 @@ class ForwardSearchPolicy:
         }
         actions, predicted_xy = actions[kept], predicted_xy[kept]
         sensitivity = model.sensitivity(actions, deviations(actions))
-        side = side_of(predicted_xy)
+        side = model.task.side_of(predicted_xy)
         return cls(
             model=model,
             actions=mirror_actions(actions, side),
-            predicted_xy=mirror_xy(predicted_xy, side),
+            predicted_xy=model.task.mirrored(predicted_xy, side),
             sensitivity=sensitivity,
             info=facts | (info or {}),
         )
@@ -516,38 +524,39 @@ class ForwardSearchPolicy:
         return index[np.arange(len(targets)), best]
 
     def nearest_landing(self, target_xy: ArrayLike) -> NDArray[np.float64]:
-        """Return the predicted landing of a candidate that is nearest to each target [m].
+        """Return the predicted outcome of a candidate that is nearest to each goal, shape [..., k].
 
         Args:
-            target_xy: Targets [m], shape [..., 2].
+            target_xy: Values of the goals, shape [..., k].
         """
-        targets = np.asarray(target_xy, dtype=float)
-        side = side_of(targets)
-        _, row = self.tree.query(mirror_xy(targets, side))
-        return mirror_xy(self.tree.data[row], side)
+        task, units = self.model.task, self.model.units
+        side = task.side_of(target_xy)
+        _, row = self.tree.query(task.mirrored(target_xy, side) / units)
+        return units * task.mirrored(self.tree.data[row], side)
 
     def inside_coverage(
         self, target_xy: ArrayLike, within_pct: float = COVERAGE_PCT
     ) -> NDArray[np.bool_]:
-        """Return which targets lie within the simulated coverage, on either half of the table.
+        """Return which goals lie within the simulated coverage, on either half of the table.
 
-        A target is inside if the predicted landing of at least one candidate that stays on the
-        table is near it.
+        A goal is inside if the predicted outcome of at least one candidate that stays on the table
+        is near it.
 
         Args:
-            target_xy: Targets [m], shape [..., 2].
+            target_xy: Values of the goals, shape [..., k].
             within_pct: Distance that is near [% of cable length].
         """
-        targets = np.asarray(target_xy, dtype=float)
-        folded = mirror_xy(targets, side_of(targets))
-        distance, _ = self.tree.query(folded)
+        task = self.model.task
+        folded = task.mirrored(target_xy, task.side_of(target_xy))
+        distance, _ = self.tree.query(folded / self.model.units)
         return np.asarray(distance <= within_pct / 100 * self.setup.cable.length)
 
     def save(self, folder: str | pathlib.Path) -> None:
         """Write the model and the candidates atomically, for `load` to read.
 
         Raises:
-            InputError: The policy is one of equation 1: save the one that it was made of.
+            InputError: The policy is one of equation 1: save the one that it was made of; or one of
+                another task than a landing.
         """
         arrays = _checked({name: getattr(self, name) for name in ARRAY_SHAPES})
         self.model.save(folder)
