@@ -246,8 +246,8 @@ class EnsembleLandings:
                 [found.landing_xy, found.frictions, found.spreads, found.leaving]
             )
             self._known.update(zip(row_of, rows, strict=True))
-        count = len(self.task.coordinates)
-        rows = np.array([self._known[key] for key in keys]).reshape(-1, count + 3)
+        size = len(self.task.coordinates) + 3
+        rows = np.array([self._known[key] for key in keys]).reshape(-1, size)
         return LandingEstimate(
             landing_xy=rows[:, :-3],
             frictions=rows[:, -3],

@@ -24,7 +24,6 @@ from cablecast.learning.landing import LandingModel, deviations
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import mirror_to_right
 from cablecast.motion.feasibility import feasible_uniform
-from cablecast.task import Task
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
 
@@ -57,7 +56,7 @@ class Candidates(ArrayRows):
         actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [action, 5].
         side: +1 right, -1 left, shape [action].
         shifts: From the landing that the policy's network says to that in the best simulator, 0
-            where there is no ensemble [cable lengths], shape [action, k].
+            where there is no ensemble [cable lengths], shape [action, k], or [action, 1] then.
         leaving: Chance that the free end passes an edge of the table, 0 where there is no ensemble
             [-], shape [action].
         log_sizes: Logarithm of the size of a miss over the usual one, NaN where there is no
@@ -74,18 +73,16 @@ class Candidates(ArrayRows):
     frictions: _Array
 
     @classmethod
-    def unsimulated(
-        cls, actions: _Array, side: _Array, sensitivity: _Array, dimension: int = 2
-    ) -> "Candidates":
+    def unsimulated(cls, actions: _Array, side: _Array, sensitivity: _Array) -> "Candidates":
         """Return candidates that no ensemble has simulated.
 
         `sensitivity` is the shift of the landing for small changes of the action [cable lengths],
-        shape [action], `dimension` the number of components of the outcome.
+        shape [action].
         """
         return cls(
             actions=actions,
             side=side,
-            shifts=np.zeros((len(actions), dimension)),
+            shifts=np.zeros((len(actions), 1)),
             leaving=np.zeros(len(actions)),
             log_sizes=np.full(len(actions), np.nan),
             frictions=USUAL_FRICTION * (sensitivity / DELICATE) ** 2,
@@ -195,16 +192,6 @@ class Beliefs:
         return self.policy.model
 
     @property
-    def task(self) -> Task:
-        """Task whose outcomes are predicted."""
-        return self.model.task
-
-    @property
-    def dimension(self) -> int:
-        """Number of components of an outcome, k."""
-        return len(self.task.coordinates)
-
-    @property
     def length(self) -> float:
         """Length of the cable [m]."""
         return self.policy.setup.cable.length
@@ -255,8 +242,8 @@ class Beliefs:
         """The policy's candidates, their simulated landings to the right [m], and their places."""
         actions, side = mirror_to_right(self.policy.actions)
         shift = self.policy.sensitivity
-        candidates = Candidates.unsimulated(actions, side, shift / self.length, self.dimension)
-        simulated_xy = self.task.mirrored(self.policy.predicted_xy, side)
+        candidates = Candidates.unsimulated(actions, side, shift / self.length)
+        simulated_xy = self.model.task.mirrored(self.policy.predicted_xy, side)
         sensitivity = shift / self.usual_sensitivity
         return candidates, simulated_xy, self.places(candidates, simulated_xy, sensitivity)
 
@@ -285,7 +272,7 @@ class LandingPredictor:
     @classmethod
     def of(cls, beliefs: Beliefs) -> "LandingPredictor":
         """Return the predictor before any cast."""
-        experience = Experience.empty(beliefs.scales, beliefs.dimension)
+        experience = Experience.empty(beliefs.scales, len(beliefs.model.units))
         return cls(beliefs=beliefs, ensemble=beliefs.ensemble, experience=experience)
 
     def with_casts(
@@ -317,7 +304,7 @@ class LandingPredictor:
         candidates = self.evaluate(*mirror_to_right(actions))
         places, simulated_xy = self._located(candidates)
         table = self.beliefs.policy.setup.workspace
-        task, units = self.beliefs.task, self.beliefs.model.units
+        task, units = self.beliefs.model.task, self.beliefs.model.units
         ends = np.array([casts[row].read(task, table) for row in rows]) / units
         ends = task.mirrored(ends, candidates.side)
         there = np.array([casts[row].landed for row in rows]) | (candidates.leaving < 0.5)
@@ -375,13 +362,12 @@ class LandingPredictor:
         A cast is near if it was aimed there or landed there, and of two that are equally near the
         later one counts. One without a landing counts where the network expects it.
         """
-        task, units = self.beliefs.task, self.beliefs.model.units
+        task, units = self.beliefs.model.task, self.beliefs.model.units
         actions, side = mirror_to_right(np.array([cast.action for cast in self.casts]))
         outcomes = np.array([cast.read(task) for cast in self.casts])
         expected = units * task.mirrored(self.beliefs.model.predict(actions), side)
         ends = np.where(np.isfinite(outcomes), outcomes, expected)
-        unaimed = np.full(self.beliefs.dimension, np.nan)
-        goals = np.array([unaimed if one.goal is None else one.goal.value for one in self.casts])
+        goals = np.array([np.nan * units if c.goal is None else c.goal.value for c in self.casts])
         far = np.fmin(*(np.linalg.norm((x - target_xy) / units, axis=1) for x in (ends, goals)))
         return np.sort(np.lexsort((-np.arange(len(far)), far))[:_NEAR_COUNT])
 
@@ -389,9 +375,7 @@ class LandingPredictor:
         """Return candidates with what the ensemble says of them, if there is one."""
         if self.ensemble is None:
             shift = self.beliefs.model.sensitivity(actions, self.beliefs.changes)
-            return Candidates.unsimulated(
-                actions, side, shift / self.beliefs.length, self.beliefs.dimension
-            )
+            return Candidates.unsimulated(actions, side, shift / self.beliefs.length)
         found = self.ensemble.evaluate(actions, side)
         shifts = (found.landing_xy - self.beliefs.model.predict(actions)) / self.beliefs.length
         return Candidates(
@@ -437,12 +421,12 @@ class LandingPredictor:
         shifts = self.beliefs.model.landing_shifts(candidates.actions, self.beliefs.changes)
         along = shifts @ np.swapaxes(shifts, 1, 2)
         along /= np.maximum(np.sum(shifts**2, axis=(1, 2)), 1e-12)[:, None, None]
-        count = self.beliefs.dimension
+        count = landing_xy.shape[1]
         covariance = (1.0 - _ALONG) * np.eye(count) + count * _ALONG * along
         covariance *= (length**2 * (variance + scatter))[:, None, None]
         # Seen from the left, x and y vary together the other way.
-        signs = self.beliefs.task.mirrored(np.ones_like(landing_xy), candidates.side)
-        factor = self.beliefs.model.units * signs
+        model = self.beliefs.model
+        factor = model.task.mirrored(model.units, candidates.side)
         covariance *= factor[:, :, None] * factor[:, None, :]
         return factor * landing_xy, covariance, length * np.sqrt(scatter)
 

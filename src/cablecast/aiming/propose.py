@@ -89,8 +89,7 @@ def propose(
     """
     target = goal.value / predictor.beliefs.model.units
     goals = [target]
-    is_place = isinstance(goal.task, Landing)
-    if is_place and sight is not None and sight.is_blind_at(target):
+    if isinstance(goal.task, Landing) and sight is not None and sight.is_blind_at(target):
         goals += [sight.seen_near(target, margin) for margin in _BLIND_MARGINS]
     tried = try_number > 1
     candidates = Candidates.join([_candidates(predictor, place, tried) for place in goals])
@@ -132,19 +131,18 @@ def _risks(
     target before, is infinite.
     """
     setup, side = predictor.beliefs.policy.setup, candidates.side
-    task, model = predictor.beliefs.task, predictor.beliefs.model
+    model, count = predictor.beliefs.model, len(goal.value)
     places, landing_xy, variance = predictor.expected(candidates)
     scatter = predictor.experience.scatter(places)
     left, variance = LEFT * variance + 2.0 * scatter, variance + scatter
     length = predictor.beliefs.length
-    target = task.mirrored(goal.value / model.units, side)
+    target = goal.task.mirrored(goal.value / model.units, side)
     distance = np.linalg.norm(landing_xy - target, axis=1) / length
     motions = mirror_actions(candidates.actions, side)
     rest_xy = LANDING.mirrored(model.rest(candidates.actions, landing_xy), side)
     lost = lost_chance(motions, rest_xy, length * np.sqrt(variance), setup, sight)
     seen = (1.0 - lost) * (1.0 - candidates.leaving)
     failure = 1.0 - seen * (1.0 - predictor.experience.failure_chance(places))
-    count = predictor.beliefs.dimension
     risk = 0.5 * expected_loss(distance, variance, failure, dimension=count)
     risk += 0.5 * expected_loss(distance, left, failure, NEXT_NEAR, count)
     margin = model.predict_margin(candidates.actions)
@@ -176,7 +174,7 @@ def _moved(predictor: LandingPredictor, candidates: Candidates, target: _Array) 
     """Return candidates near others that are expected to land on the target."""
     moved, _ = refine_actions(
         candidates.actions,
-        predictor.beliefs.task.mirrored(target, candidates.side),
+        predictor.beliefs.model.task.mirrored(target, candidates.side),
         predictor.beliefs.changes,
         model=_MovedLandings(predictor, candidates),
         table_margin=_table_margin(predictor),
@@ -191,7 +189,7 @@ class _MovedLandings:
 
     def __init__(self, predictor: LandingPredictor, candidates: Candidates):
         self.predictor, self.candidates = predictor, candidates
-        self.setup, self.task = predictor.beliefs.policy.setup, predictor.beliefs.task
+        self.setup, self.task = predictor.beliefs.policy.setup, predictor.beliefs.model.task
         # It hardly changes nearby.
         self.sensitivity = predictor.beliefs.sensitivities(candidates.actions)
 
@@ -216,21 +214,21 @@ def _table_margin(predictor: LandingPredictor) -> float:
 
 def _shortlist(predictor: LandingPredictor, target: _Array, tried: bool) -> Candidates:
     """Return the most promising candidates of the policy, and earlier actions, for a target."""
-    task, count = predictor.beliefs.task, predictor.beliefs.dimension
+    task = predictor.beliefs.model.task
     candidates, simulated_xy, places = predictor.beliefs.policy_candidates
     # The candidates land on the right: for a target on the left all are mirrored.
     side = task.side_of(target) * candidates.side
     goals = task.mirrored(target, side)
     distance = np.linalg.norm(simulated_xy - goals, axis=1)
-    most = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(predictor.casts)))
-    near = np.argsort(distance)[:most]
+    count = max(_NEIGHBOR_COUNT, _PAIR_COUNT // max(1, len(predictor.casts)))
+    near = np.argsort(distance)[:count]
     near_places = places[near]
     near_places.inputs[:, -1] = side[near]
     mean, variance = predictor.experience.residual.predict(near_places)
     expected_xy = simulated_xy[near] + predictor.beliefs.length * mean
     distance = np.linalg.norm(expected_xy - goals[near], axis=1) / predictor.beliefs.length
     # Calm ones, which may be moved onto the target, and the nearest, where no calm one reaches.
-    square = distance**2 + count * (variance + predictor.experience.scatter(near_places))
+    square = distance**2 + len(target) * (variance + predictor.experience.scatter(near_places))
     earlier = _earlier_actions(predictor, target)
     few = predictor.ensemble is None or (tried and len(earlier) > 0)
     half = (_SHORTLIST_COUNT if few else _SIMULATED_COUNT) // 2
@@ -246,9 +244,9 @@ def _least_missing(
 ) -> Candidates:
     """Return the candidates with the least expected miss as they are."""
     _, landing_xy, variance = predictor.expected(candidates)
-    beliefs = predictor.beliefs
-    offset = (landing_xy - beliefs.task.mirrored(target, candidates.side)) / beliefs.length
-    square = np.sum(offset**2, axis=1) + beliefs.dimension * variance
+    goals = predictor.beliefs.model.task.mirrored(target, candidates.side)
+    offset = (landing_xy - goals) / predictor.beliefs.length
+    square = np.sum(offset**2, axis=1) + len(target) * variance
     # A cast without a landing misses by as much as one that lands a cable's length away.
     square = (1.0 - candidates.leaving) * square + candidates.leaving
     return candidates[np.argsort(square)[:_SHORTLIST_COUNT]]
@@ -257,8 +255,9 @@ def _least_missing(
 def _earlier_actions(predictor: LandingPredictor, target: _Array) -> _Array:
     """Return the actions of casts that landed nearest to a target, shape [action, 5]."""
     landed = [cast for cast in predictor.casts if cast.landed]
-    task, model = predictor.beliefs.task, predictor.beliefs.model
-    miss = [float(task.miss(cast.read(task), model.units * target, model.setup)) for cast in landed]
+    model = predictor.beliefs.model
+    ends = np.array([cast.read(model.task) / model.units - target for cast in landed])
+    miss = np.linalg.norm(ends.reshape(-1, len(target)), axis=1) / predictor.beliefs.length
     near = [row for row in np.argsort(miss)[:_EARLIER_COUNT] if miss[row] < _EARLIER_REACH]
     return np.array([landed[row].action for row in near]).reshape(-1, ACTION_SIZE)
 

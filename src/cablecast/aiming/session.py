@@ -226,6 +226,8 @@ class AimSession:
         self.store = out if is_open else CastStore(self.setup, out, self.task)
         if casts is not None:
             self.store.add_dataset(casts)
+        if self.store.task.name != self.task.name:
+            raise InputError(f"the casts are of {self.store.task.name}, the model {self.task.name}")
         self.sight: CameraSight | None = None
         self.drifted = False
         self._refitting = refitting

@@ -128,9 +128,7 @@ class Dataset:
         if isinstance(task, Landing):
             return self.endpoint_xy
         if self.info.get("settings", {}).get("task") != task.name:
-            raise DatasetError(
-                f"{self._name} has no outcomes of {task.name}: simulate it for these"
-            )
+            raise DatasetError(f"{self._name} has no outcomes of {task.name}: simulate anew")
         return np.array(self.extra["outcome"], dtype=float)
 
     def table_margin(self) -> Array:

@@ -166,20 +166,18 @@ REAL_ONLY = TrainingConfig(
 """Settings for training a network on a few hundred real casts alone."""
 
 
-def initial_weights(
-    config: TrainingConfig, seed: int, *, paced: bool, output_count: int = 2
-) -> Weights:
+def initial_weights(config: TrainingConfig, seed: int, *, paced: bool, size: int = 2) -> Weights:
     """Return random weights that keep the variance from layer to layer (He).
 
     Args:
         config: Widths of the layers.
         seed: Seed of the weights, which are the same on any machine and device.
         paced: Whether the pace varies; the weights of a feature that is always 0 are 0.
-        output_count: Number of components of the outcome.
+        size: Number of components of the outcome.
     """
     generator = stream(seed, "weights")
     feature_count = FEATURE_COUNT if paced else FEATURE_COUNT - 1
-    widths = [feature_count, *[config.hidden_width] * config.hidden_count, output_count]
+    widths = [feature_count, *[config.hidden_width] * config.hidden_count, size]
     layers = []
     for fan_in, fan_out in itertools.pairwise(widths):
         matrix = generator.normal(scale=np.sqrt(2.0 / fan_in), size=(fan_in, fan_out))
@@ -339,14 +337,10 @@ def train_forward_model(
     held_out, training = order[:held_out_count], order[held_out_count:]
     actions = dataset.actions
     endpoint_xy = dataset.outcomes(task) / task.units(dataset.setup)
+    paced = _is_paced(actions[training])
     model = ForwardModel(
         **normalization(actions[training], endpoint_xy[training]),
-        weights=initial_weights(
-            config,
-            seed,
-            paced=_is_paced(actions[training]),
-            output_count=endpoint_xy.shape[1],
-        ),
+        weights=initial_weights(config, seed, paced=paced, size=endpoint_xy.shape[1]),
         task=task,
     ).with_margins(dataset)
     began = time.monotonic()

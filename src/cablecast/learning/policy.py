@@ -412,9 +412,8 @@ class ForwardSearchPolicy:
         """
         check_number("table_margin", table_margin, -TABLE_MARGIN_MAX, TABLE_MARGIN_MAX, "m")
         predicted_xy, margin = model.predict(actions), model.predict_margin(actions)
-        kept = (margin >= table_margin) & model.setup.workspace.on_table(
-            model.rest(actions, predicted_xy)
-        )
+        rest_xy = model.rest(actions, predicted_xy)
+        kept = (margin >= table_margin) & model.setup.workspace.on_table(rest_xy)
         if not np.any(kept):
             raise InputError(
                 f"none of {len(actions)} candidates is predicted to keep {table_margin:g} m within "
@@ -555,8 +554,7 @@ class ForwardSearchPolicy:
         """Write the model and the candidates atomically, for `load` to read.
 
         Raises:
-            InputError: The policy is one of equation 1: save the one that it was made of; or one of
-                another task than a landing.
+            InputError: The policy is one of equation 1, or of another task than a landing.
         """
         arrays = _checked({name: getattr(self, name) for name in ARRAY_SHAPES})
         self.model.save(folder)
