@@ -25,7 +25,7 @@ RANGES = feasible_ranges(SETUP, pace=(0.2, 0.6))
 CAST_COUNT, CANDIDATE_COUNT = 3000, 3000
 TRAINING = TrainingConfig(hidden_width=64, epochs=60)
 GOAL_COUNT, TRY_COUNT = 6, 3
-# Medians in % of the scale of an outcome: first tries miss by 1.6 to 2.6, third ones by 0.4 at most.
+# Medians in % of the scale: first tries miss by 1.6 to 2.6, third ones by 0.4 at most.
 FIRST_PCT, CORRECTED_PCT = 1.2, 0.6
 
 

@@ -257,29 +257,13 @@ class LandingModel:
     def landing_shifts(
         self, actions: NDArray[np.float64], changes: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the change of the predicted outcome for each change of an action.
-
-        Args:
-            actions: Actions, shape [action, 5].
-            changes: Perturbations of an action, see `deviations`, shape [change, 5].
-
-        Returns:
-            Shift of the outcome by central differences [m], shape [action, k, change].
-        """
+        """Return the change of the outcome for each change of an action; see `central_shifts`."""
         return central_shifts(self.predict, actions, changes)
 
     def sensitivity(
         self, actions: NDArray[np.float64], changes: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the root of the summed squared shifts of the outcome of each action.
-
-        Args:
-            actions: Actions, shape [action, 5].
-            changes: Perturbations of an action, see `deviations`, shape [change, 5].
-
-        Returns:
-            Sensitivity [m], shape [action].
-        """
+        """Return the root of the summed squares of `landing_shifts` [m], shape [action]."""
         return np.linalg.norm(self.landing_shifts(actions, changes), axis=(1, 2))
 
     @property

@@ -680,15 +680,9 @@ class PolarCastingPolicy:
     ) -> Plan:
         """Plan a motion for each target; outside `reach`, it ends as near as possible.
 
-        Args:
-            target_xy: Targets [m], shape [2] or [target, 2]; alternative to r and theta_deg.
-            r: Distances from the robot's base [m], a number or shape [target].
-            theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
-                shape [target].
+        See `Landing.values` for the arguments and errors.
 
         Raises:
-            InputError: Both forms of targets are given, or neither.
-            TargetError: A target is not finite, out of reach of arm and cable, or off the table.
             JointLimitError: The arm cannot follow the motion.
         """
         targets = LANDING.values(self.setup, target_xy, r=r, theta_deg=theta_deg)
