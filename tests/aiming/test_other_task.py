@@ -153,6 +153,8 @@ def test_what_is_of_another_task_is_refused(policy, task, casts, tmp_path):
         policy.model.save(tmp_path)
     with pytest.raises(InputError, match=f"casts are of landing, the model {task.name}"):
         cc.AimSession(policy, out=cc.AimSession(make_policy()).store)
+    with pytest.raises(InputError, match=f"a plan is of landings, the model of {task.name}"):
+        policy.plan([0.3, 1.1])
     other = Heading() if task.name == "breadth" else Breadth()
     with pytest.raises(DatasetError, match=f"no outcomes of {other.name}"):
         casts.outcomes(other)

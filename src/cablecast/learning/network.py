@@ -417,9 +417,9 @@ def fine_tune(
             raise InputError(
                 f"the real casts do not match the model: {name}.{'; '.join(differences)}"
             )
-    rows = real_rows(real)
+    rows, ends = real_rows(real), real.outcomes(model.task)
     before = error_metrics(
-        "real_before", model.predict(real.actions[rows]), real.endpoint_xy[rows], real.cable.length
+        "real_before", model.predict(real.actions[rows]), ends[rows], real.cable.length
     )
     return _fit_to_real(
         model, real, rows, "fine-tuning", config, seed, device, progress, metrics=before

@@ -45,7 +45,7 @@ from cablecast.motion.feasibility import check_actions, feasible_actions
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.setup import Setup
-from cablecast.task import LANDING, Task
+from cablecast.task import LANDING, Landing, Task
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -484,9 +484,11 @@ class ForwardSearchPolicy:
                 shape [target].
 
         Raises:
-            InputError: Both forms of targets are given, or neither.
+            InputError: Both forms of targets are given, or neither, or the model has another task.
             TargetError: A target is not finite, out of reach, or off the table.
         """
+        if not isinstance(self.model.task, Landing):
+            raise InputError(f"a plan is of landings, the model of {self.model.task.name}")
         targets = LANDING.values(self.setup, target_xy, r=r, theta_deg=theta_deg)
         side = side_of(targets)
         chosen, actions, predicted_xy = self._choose(mirror_xy(targets, side))
