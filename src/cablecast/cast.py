@@ -157,6 +157,20 @@ def _numbers(name: str, values: Any) -> NDArray[np.float64] | None:
 
 _STEPS_UNSEEN = 20  # Samples after the last seen one within which the free end leaves the table.
 
+
+def _path_to_edge(path: NDArray[np.float64], table: Workspace) -> NDArray[np.float64] | None:
+    """Return what was seen of a path [m], and on to beyond an edge, [step, 2]; None if it is far.
+
+    The free end goes on as it moved where it was seen last.
+    """
+    seen = path[np.all(np.isfinite(path), axis=1)]
+    if len(seen) < 2:
+        return None
+    way = seen[-1] + np.arange(_STEPS_UNSEEN)[:, None] * (seen[-1] - seen[-2])
+    off = ~table.on_table(way)
+    return np.concatenate([seen, way[: np.argmax(off) + 1]]) if off.any() else None
+
+
 HIT_CHANCE_MIN = 0.05
 """Chance to hit below which a cast is hardly worth making [-]."""
 
@@ -278,17 +292,12 @@ class Cast:
         With a table, a cast that left it has the outcome of its path to the edge: the free end is
         taken to have gone on from where it was seen last as it moved there.
         """
-        path = self.track.endpoint_xy
-        if self.status is TrialStatus.OFF_TABLE and table is not None:
-            seen = path[np.all(np.isfinite(path), axis=1)]
-            if len(seen) > 1:
-                way = seen[-1] + np.arange(_STEPS_UNSEEN)[:, None] * (seen[-1] - seen[-2])
-                off = ~table.on_table(way)
-                if off.any():
-                    return task.outcome(np.concatenate([seen, way[: np.argmax(off) + 1]]))
-        if self.status is not TrialStatus.OK:
-            return np.full(len(task.coordinates), np.nan)
-        return task.outcome(path)
+        path: NDArray[np.float64] | None = None
+        if self.status is TrialStatus.OK:
+            path = self.track.endpoint_xy
+        elif self.status is TrialStatus.OFF_TABLE and table is not None:
+            path = _path_to_edge(self.track.endpoint_xy, table)
+        return np.full(len(task.coordinates), np.nan) if path is None else task.outcome(path)
 
     @property
     def goal(self) -> Goal | None:

@@ -76,8 +76,7 @@ class Candidates(ArrayRows):
     def unsimulated(cls, actions: _Array, side: _Array, sensitivity: _Array) -> "Candidates":
         """Return candidates that no ensemble has simulated.
 
-        `sensitivity` is the shift of the landing for small changes of the action [cable lengths],
-        shape [action].
+        `sensitivity` is that to the action over the usual one [-], shape [action].
         """
         return cls(
             actions=actions,
@@ -85,7 +84,7 @@ class Candidates(ArrayRows):
             shifts=np.zeros((len(actions), 1)),
             leaving=np.zeros(len(actions)),
             log_sizes=np.full(len(actions), np.nan),
-            frictions=USUAL_FRICTION * (sensitivity / DELICATE) ** 2,
+            frictions=USUAL_FRICTION * sensitivity**2,
         )
 
     def at(self, actions: _Array) -> "Candidates":
@@ -201,7 +200,7 @@ class Beliefs:
         """Changes of an action that sensitivities are measured with, shape [change, 4]."""
         return deviations(self.policy.actions)
 
-    @functools.cached_property
+    @property
     def usual_sensitivity(self) -> float:
         """Sensitivity of a usual landing to these changes [m]."""
         return DELICATE * self.length
@@ -241,10 +240,9 @@ class Beliefs:
     def policy_candidates(self) -> tuple[Candidates, _Array, Places]:
         """The policy's candidates, their simulated landings to the right [m], and their places."""
         actions, side = mirror_to_right(self.policy.actions)
-        shift = self.policy.sensitivity
-        candidates = Candidates.unsimulated(actions, side, shift / self.length)
+        sensitivity = self.policy.sensitivity / self.usual_sensitivity
+        candidates = Candidates.unsimulated(actions, side, sensitivity)
         simulated_xy = self.model.task.mirrored(self.policy.predicted_xy, side)
-        sensitivity = shift / self.usual_sensitivity
         return candidates, simulated_xy, self.places(candidates, simulated_xy, sensitivity)
 
 
@@ -374,8 +372,7 @@ class LandingPredictor:
     def evaluate(self, actions: _Array, side: _Array) -> Candidates:
         """Return candidates with what the ensemble says of them, if there is one."""
         if self.ensemble is None:
-            shift = self.beliefs.model.sensitivity(actions, self.beliefs.changes)
-            return Candidates.unsimulated(actions, side, shift / self.beliefs.length)
+            return Candidates.unsimulated(actions, side, self.beliefs.sensitivities(actions))
         found = self.ensemble.evaluate(actions, side)
         shifts = (found.landing_xy - self.beliefs.model.predict(actions)) / self.beliefs.length
         return Candidates(

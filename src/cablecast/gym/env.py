@@ -29,6 +29,7 @@ from cablecast.motion.action import (
     Action,
     check_action_values,
     mirror_actions,
+    with_psi,
 )
 from cablecast.motion.feasibility import check_actions, feasible_ranges
 from cablecast.motion.trajectory import plan_trajectory
@@ -178,13 +179,10 @@ class CastTask:
             )
         if self.action_form == "raw":
             return values
-        bounds = np.array(
-            [self.ranges.theta1, self.ranges.theta2, self.ranges.r2, self.ranges.wrist]
-        )
+        bounds = self.ranges.to_array()[:_ACTION_SIZE]
         share = (np.clip(values, -1.0, 1.0) + 1.0) / 2.0
         actions = bounds[:, 0] + share * (bounds[:, 1] - bounds[:, 0])
-        actions[:, 3] += actions[:, 1]
-        return mirror_actions(actions, side_of(target_xy))
+        return mirror_actions(with_psi(actions), side_of(target_xy))
 
     def rewards(self, target_xy: Array, landing_xy: Array, ok: NDArray[np.bool_]) -> Array:
         """Return minus the miss of casts in % of cable length, shape [count].

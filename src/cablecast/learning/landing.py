@@ -56,6 +56,11 @@ def action_features(actions: ArrayLike) -> NDArray[np.float64]:
     return features
 
 
+def is_paced(actions: NDArray[np.float64]) -> bool:
+    """Return whether the pace of actions, shape [action, 5], varies."""
+    return bool(np.ptp(actions[:, 4]) > 0.0)
+
+
 def deviations(actions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the perturbations by which the sensitivity of an action is measured.
 
@@ -71,7 +76,7 @@ def deviations(actions: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     changes = np.diag(DEVIATION)
     varies = np.ones(len(changes), dtype=bool)
-    varies[4] = np.ptp(actions[:, 4]) > 0.0
+    varies[4] = is_paced(actions)
     if np.allclose(actions[:, 3], actions[:, 1], rtol=0.0, atol=1e-9):
         changes[1] += changes[3]
         varies[3] = False

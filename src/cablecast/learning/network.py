@@ -24,6 +24,7 @@ from cablecast.learning.landing import (
     LandingModel,
     dataset_summary,
     error_metrics,
+    is_paced,
     known_endpoint_rows,
     normalization,
 )
@@ -187,10 +188,6 @@ def initial_weights(config: TrainingConfig, seed: int, *, paced: bool, size: int
     return tuple(layers)
 
 
-def _is_paced(actions: NDArray[np.float64]) -> bool:
-    return bool(np.ptp(actions[:, -1]) > 0.0)
-
-
 def fit_network(
     weights: Weights,
     training: Casts,
@@ -337,7 +334,7 @@ def train_forward_model(
     held_out, training = order[:held_out_count], order[held_out_count:]
     actions = dataset.actions
     endpoint_xy = dataset.outcomes(task) / task.units(dataset.setup)
-    paced = _is_paced(actions[training])
+    paced = is_paced(actions[training])
     model = ForwardModel(
         **normalization(actions[training], endpoint_xy[training]),
         weights=initial_weights(config, seed, paced=paced, size=endpoint_xy.shape[1]),
@@ -450,7 +447,7 @@ def train_on_real(
     rows = real_rows(real)
     blank = ForwardModel(
         **normalization(real.actions[rows], real.endpoint_xy[rows]),
-        weights=initial_weights(config, seed, paced=_is_paced(real.actions[rows])),
+        weights=initial_weights(config, seed, paced=is_paced(real.actions[rows])),
         info={
             "config": dataclasses.asdict(config),
             "device": device,

@@ -264,7 +264,7 @@ def grid_actions(ranges: ActionRanges, counts: Sequence[int]) -> NDArray[np.floa
 
 
 def with_psi(actions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return actions whose psi was given as the turn of the wrist, psi - theta2, [action, 5]."""
+    """Return actions whose psi was given as the turn of the wrist, psi - theta2."""
     found = actions.copy()
     found[:, 3] += found[:, 1]
     return found

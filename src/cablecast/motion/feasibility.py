@@ -231,9 +231,10 @@ def feasible_ranges(
 @functools.lru_cache(maxsize=16)
 def _find_ranges(setup: Setup, turns: bool, pace: tuple[float, float]) -> ActionRanges:
     widest = widest_ranges(setup, pace).to_array()
-    box = widest
+    box = widest.copy()
     for tail in (0.0, _RANGE_TAIL):
-        grid = grid_actions(_ranges(box), (*_RANGE_COUNTS, _pace_count(_ranges(box))))
+        ranges = _ranges(box)
+        grid = grid_actions(ranges, (*_RANGE_COUNTS, _pace_count(ranges)))
         found = check_actions(grid, setup)
         actions = grid[found.mask]
         if not len(actions):
@@ -243,8 +244,7 @@ def _find_ranges(setup: Setup, turns: bool, pace: tuple[float, float]) -> Action
                 + _most_broken(found)
             )
         actions[:, 3] -= actions[:, 1]
-        box, last = box.copy(), box
-        step = 0.0 if tail else np.diff(last[:4], axis=1) / (np.array(_RANGE_COUNTS)[:, None] - 1)
+        step = 0.0 if tail else np.diff(box[:4], axis=1) / (np.array(_RANGE_COUNTS)[:, None] - 1)
         ends = np.quantile(actions[:, :4], [tail, 1.0 - tail], axis=0).T
         box[:4] = np.clip(ends + step * np.array([-1.0, 1.0]), widest[:4, :1], widest[:4, 1:])
     if not turns:
