@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from benchmarks.result import Table
 from cablecast.cli.progress import console_progress
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.rigs.virtual import RigVirtual, TrialNoise, VirtualConfig

@@ -29,7 +29,8 @@ from cablecast.aiming.predictor import log_scatters
 from cablecast.cast import TrialStatus
 from cablecast.cli.progress import console_progress
 from cablecast.errors import JointLimitError
-from cablecast.motion.action import ACTION_SIZE, Action, ActionRanges, mirror_to_right
+from cablecast.motion.action import ACTION_SIZE, ActionRanges, mirror_to_right
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_ranges, feasible_uniform
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.runs.progress import Progress

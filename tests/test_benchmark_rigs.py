@@ -9,7 +9,7 @@ from benchmarks.scatter import STILL, after_correction, linear, stencils
 from benchmarks.strange_rig import StrangeRig
 
 import cablecast as cc
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.trajectory import plan_trajectory
 

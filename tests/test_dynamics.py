@@ -9,7 +9,7 @@ from cablecast.data.dataset import StoredSettings
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import DatasetError
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.servo import ServoModel
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.engine import RigEngine

@@ -26,7 +26,7 @@ from cablecast.cable import Cable, CableParams
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import CablecastError
 from cablecast.files import write_bytes, write_text
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig

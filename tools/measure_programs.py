@@ -9,7 +9,7 @@ import pathlib
 
 import numpy as np
 
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.arm import REHEARSAL_SLOWNESS

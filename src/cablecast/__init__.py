@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cablecast.errors import CablecastError
     from cablecast.evaluation.evaluate import Evaluation
     from cablecast.learning.policy import ForwardSearchPolicy, Plan, PolarCastingPolicy
-    from cablecast.motion.action import Action
+    from cablecast.motion.casting import Action
     from cablecast.motion.trajectory import Trajectory, plan_trajectory
     from cablecast.pipeline.aim import aim, prepare_aim
     from cablecast.pipeline.check import check
@@ -56,7 +56,7 @@ _HOMES = {
     "cablecast.errors": ("CablecastError",),
     "cablecast.evaluation.evaluate": ("Evaluation",),
     "cablecast.learning.policy": ("ForwardSearchPolicy", "Plan", "PolarCastingPolicy"),
-    "cablecast.motion.action": ("Action",),
+    "cablecast.motion.casting": ("Action",),
     "cablecast.motion.trajectory": ("Trajectory", "plan_trajectory"),
     "cablecast.pipeline.aim": ("aim", "prepare_aim"),
     "cablecast.pipeline.check": ("check",),

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import InputError
-from cablecast.motion.action import ACTION_SIZE, Action
-from cablecast.motion.trajectory import JointPath, Trajectory, plan_trajectory
+from cablecast.motion.action import ACTION_SIZE
+from cablecast.motion.casting import Action
+from cablecast.motion.trajectory import JointPath, Motion, Trajectory, plan_trajectory
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, Goal, Task
 from cablecast.workspace import Workspace
@@ -183,7 +184,7 @@ class Proposal:
         goal: Goal of the cast, with the set-up.
         number: Number of the cast in its session, from 0.
         try_number: Number of the cast at this goal, from 1.
-        action: Action.
+        action: What its motion is planned from.
         expected: Distribution of the outcome.
         inside_coverage: Whether simulated casts end near the goal.
     """
@@ -191,7 +192,7 @@ class Proposal:
     goal: Goal
     number: int
     try_number: int
-    action: Action
+    action: Motion
     expected: Expectation
     inside_coverage: bool
 
@@ -230,8 +231,7 @@ class Cast:
     """A cast that was made.
 
     Attributes:
-        action: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [5]; NaN for a motion
-            that no action describes.
+        action: What its motion was planned from; None for a motion of no family.
         duration: Duration of the gripper's motion [s].
         joint_path: Commanded joints; None for a rig without joints.
         track: What the rig saw of it.
@@ -243,7 +243,7 @@ class Cast:
             grip, shape [sample, 5]; None where it was not tracked.
     """
 
-    action: NDArray[np.float64]
+    action: Motion | None
     duration: float
     joint_path: JointPath | None
     track: EndpointTrack
@@ -261,15 +261,21 @@ class Cast:
         proposal: Proposal | None = None,
     ) -> "Cast":
         """Return the cast of a motion that was executed."""
-        unknown = np.full(ACTION_SIZE, np.nan)
         return cls(
-            action=unknown if motion.action is None else motion.action.to_array(),
+            action=motion.action,
             duration=motion.duration,
             joint_path=motion.joint_path,
             track=track,
             purpose=purpose,
             proposal=proposal,
         )
+
+    @property
+    def sweep(self) -> NDArray[np.float64]:
+        """(theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -] of a sweep, shape [5]; else NaN."""
+        if isinstance(self.action, Action):
+            return self.action.to_array()
+        return np.full(ACTION_SIZE, np.nan)
 
     @property
     def status(self) -> TrialStatus:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cablecast.cast import Cast, EndpointTrack, Proposal, TrialStatus
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, Goal
 
@@ -31,7 +31,7 @@ def made_up_cast(landing, target=None, *, number=0, try_number=1, deviation=1.0,
         )
     status = TrialStatus.OK if landed else TrialStatus.OCCLUDED
     return Cast(
-        action=ACTION.to_array(),
+        action=ACTION,
         duration=1.0,
         joint_path=None,
         track=EndpointTrack(times=np.zeros(1), endpoint_xy=landing[None], status=status),

@@ -117,7 +117,7 @@ def test_a_fit_that_follows_its_casts_badly_asks_for_as_many_again(rig, tmp_path
     session = prepare(rig, out=tmp_path, progress=lambda state: tasks.append(state.task))
     assert any("follows them to" in task for task in tasks)
     assert len(session.casts) == session.fitted_count == 6
-    actions = np.array([cast.action for cast in session.casts])
+    actions = np.array([cast.sweep for cast in session.casts])
     assert len(np.unique(actions, axis=0)) == 6
     # All six are of the last fit, and a session that is opened again makes none.
     config = json.loads((tmp_path / "fits" / "00006-00000" / "tune" / "config.json").read_text())
@@ -130,7 +130,7 @@ def test_a_fit_that_follows_its_casts_badly_asks_for_as_many_again(rig, tmp_path
 
 def paces_of(session):
     """Return the paces of the casts, of the candidates and of proposals."""
-    casts = [cast.action[4] for cast in session.casts]
+    casts = [cast.sweep[4] for cast in session.casts]
     proposals = [session.propose(target).action.pace for target in TARGETS]
     return np.array(casts), session.model.policy.actions[:, 4], np.array(proposals)
 
@@ -305,7 +305,7 @@ def test_a_session_of_a_fit_held_in_memory_is_opened_again_without_it(rig, tmp_p
 def test_what_was_learned_is_not_learned_again(rig, tmp_path, monkeypatch):
     session = prepare(rig, out=tmp_path, tries=1)
     cc.aim(session, rig, TARGETS)
-    expected = session.predictor.predict(session.casts[-1].action)
+    expected = session.predictor.predict(session.casts[-1].sweep)
 
     def refuse(*_, **__):
         raise AssertionError("nothing is left to simulate")
@@ -314,13 +314,13 @@ def test_what_was_learned_is_not_learned_again(rig, tmp_path, monkeypatch):
         patch.setattr(cc.EngineWarp, "rollout", refuse)
         patch.setattr("cablecast.data.simulate.feasible_actions", refuse)
         again = prepare(rig, out=tmp_path, tries=1)
-    for one, other in zip(again.predictor.predict(session.casts[-1].action), expected, strict=True):
+    for one, other in zip(again.predictor.predict(session.casts[-1].sweep), expected, strict=True):
         np.testing.assert_array_equal(one, other)
     # What is damaged is simulated again.
     (tmp_path / "session" / "landings.npz").write_bytes(b"damaged")
     mended = prepare(rig, out=tmp_path, tries=1)
     np.testing.assert_allclose(
-        mended.predictor.predict(session.casts[-1].action)[0], expected[0], rtol=0, atol=1e-6
+        mended.predictor.predict(session.casts[-1].sweep)[0], expected[0], rtol=0, atol=1e-6
     )
 
 

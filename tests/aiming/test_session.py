@@ -89,7 +89,7 @@ def test_every_cast_stays_within_the_arms_limits_and_the_expected_landing_on_the
     with rig_of(policy, bias=0.15) as rig:
         session = session_of(policy, tries=4, within_pct=3.0)
         cc.aim(session, rig, targets)
-    actions = np.array([cast.action for cast in session.casts])
+    actions = np.array([cast.sweep for cast in session.casts])
     assert check_actions(actions, SETUP).mask.all()
     assert edge.on_table(np.array([cast.expected_xy for cast in session.casts])).all()
 
@@ -350,7 +350,7 @@ def test_no_cast_is_made_twice_at_a_target(policy):
     with rig_of(policy, bias=0.0, scatter=0.001) as rig:
         casts = cc.aim(session_of(policy), rig, beyond).casts[0]
     assert len(casts) == 6
-    for one, other in itertools.combinations([cast.action for cast in casts], 2):
+    for one, other in itertools.combinations([cast.sweep for cast in casts], 2):
         assert np.any(np.abs(one - other) > SAME_ACTION)
 
 

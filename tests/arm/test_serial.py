@@ -11,7 +11,8 @@ from cablecast.arm.description import arm_from_dict
 from cablecast.arm.shape import self_gaps
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError, InputError, UnknownNameError
-from cablecast.motion.action import Action, grid_actions
+from cablecast.motion.action import grid_actions
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import check_actions, feasible_ranges
 from cablecast.motion.polar import polar_cast_path
 from cablecast.motion.trajectory import plan_trajectory

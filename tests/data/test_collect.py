@@ -23,8 +23,9 @@ from cablecast.data import writer
 from cablecast.data.dataset import read_dataset
 from cablecast.data.record import sample_actions
 from cablecast.errors import DatasetError, InputError, RigError, StoppedError
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import check_actions, feasible_ranges
-from cablecast.motion.trajectory import Action, plan_trajectory
+from cablecast.motion.trajectory import plan_trajectory
 
 # Files in the order in which they are renamed: info, the rows, stats, card, info.
 FILE_COUNT = COUNT + 4

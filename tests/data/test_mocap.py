@@ -9,7 +9,7 @@ from cablecast.data.dataset import read_dataset
 from cablecast.data.mocap import MocapFrame, MocapNames, Take
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.import_casts import import_casts
 from cablecast.setup import Setup

@@ -11,7 +11,7 @@ from cablecast.cast import TrialStatus
 from cablecast.data.recordings import ACTION_COLUMNS, read_recordings
 from cablecast.errors import DatasetError, InputError
 from cablecast.files import SIZE_MAX
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.import_casts import import_casts
 from cablecast.pipeline.tune import tune

@@ -7,7 +7,7 @@ import pytest
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import Evaluation, split_errors
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.report.tables import SPLIT_PARTS
 from cablecast.setup import Setup

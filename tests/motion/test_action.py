@@ -7,7 +7,6 @@ from cablecast.errors import ActionError, InputError
 from cablecast.motion.action import (
     ACTION_SIZE,
     PSI_MAX,
-    Action,
     ActionRanges,
     action_rows,
     check_action_values,
@@ -15,6 +14,7 @@ from cablecast.motion.action import (
     mirror_actions,
     mirror_to_right,
 )
+from cablecast.motion.casting import Action
 from cablecast.setup import MotionConfig
 
 

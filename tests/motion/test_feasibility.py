@@ -6,8 +6,8 @@ from tests.robot import ROBOT
 
 from cablecast.arm.ur import ArmUR, ur_limits
 from cablecast.errors import ActionError, InputError, JointLimitError
-from cablecast.motion.action import ACTION_SIZE, Action, ActionRanges, grid_actions, mirror_actions
-from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.action import ACTION_SIZE, ActionRanges, grid_actions, mirror_actions
+from cablecast.motion.casting import Action, cast_grip_paths
 from cablecast.motion.feasibility import (
     LIMIT_SHARE,
     check_actions,

@@ -3,7 +3,7 @@ import pytest
 from scipy.signal import lfilter
 
 from cablecast.errors import InputError
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.measured import grip_path_from_joints
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.setup import Setup

@@ -12,13 +12,16 @@ from cablecast.errors import InputError, JointLimitError
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.polar import (
+    PolarCast,
     PolarCastConfig,
     PolarReach,
+    PullReach,
     Swing,
     plan_polar_cast,
     plan_reset,
     polar_cast_path,
     reset_pose,
+    trailing_heading,
 )
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace, load_targets
@@ -26,6 +29,9 @@ from cablecast.workspace import Workspace, load_targets
 SETUP = Setup()
 CABLE, WORKSPACE = SETUP.cable, SETUP.workspace
 REACH = PolarReach.of(SETUP)
+PULL = PullReach.of(SETUP)
+ASIDE = polar_to_xy([[0.8, np.radians(20)], [0.9, np.radians(-30)], [1.0, np.radians(35)]])
+"""Places [m] that are too near for a pull straight back."""
 
 # Shares of the cable's length. Along the azimuth only slack and the descent from the gripper are
 # left, but a light cable that is not pulled after it has landed keeps some more slack; across it,
@@ -180,3 +186,57 @@ def test_the_free_end_keeps_clear_of_the_base_and_of_the_near_edge(name):
     xy = engine.rollout(setup.cable, paths, sample_dt=0.05).endpoint_xy
     assert np.min(xy[..., 1]) - setup.workspace.y_min > CLEAR
     assert np.min(np.linalg.norm(xy, axis=-1)) > BASE
+
+
+def test_a_cable_that_is_pulled_aside_trails_on_a_tractrix():
+    direction, ways = np.array([-0.6, -0.8]), np.linspace(0.0, 1.0, 20_001)
+    grip = CABLE.length * ways[:, None] * direction
+    end = CABLE.length * np.array([np.sin(0.9), np.cos(0.9)])
+    for place in grip:
+        end = place + CABLE.length * (end - place) / np.linalg.norm(end - place)
+    found = trailing_heading(0.9, direction, ways[-1])
+    assert np.arctan2(*(end - grip[-1])) == pytest.approx(found, abs=1e-4)
+
+
+def test_a_pull_aside_brings_the_end_of_a_straight_cable_to_places_that_are_too_near_for_one_back():
+    assert not REACH.contains(ASIDE).any()
+    for xy in ASIDE:
+        cast = PULL.cast_to(xy)
+        np.testing.assert_allclose(PULL.end_xy(cast.to_array()), xy, atol=1e-4)
+        np.testing.assert_allclose(
+            PULL.end_xy(cast.mirrored().to_array()), xy * [-1.0, 1.0], atol=1e-4
+        )
+    assert PULL.cast_to(np.array([0.0, 0.5])) is None
+
+
+def test_a_place_that_a_pull_back_reaches_is_reached_by_it():
+    xy = polar_to_xy([1.2, 0.5])
+    cast = PULL.cast_to(xy)
+    assert cast == PolarCast.back_to(xy, SETUP)
+    np.testing.assert_allclose(PULL.end_xy(cast.to_array()), xy, atol=1e-9)
+    one, other = cast.grip_path(SETUP), polar_cast_path(xy, SETUP)
+    np.testing.assert_array_equal(one.coefficients, other.coefficients)
+
+
+@pytest.mark.parametrize("name", CABLE_NAMES)
+def test_the_arm_can_follow_every_pull_aside_and_ends_it_along_the_cable(name):
+    setup = Setup(cable=name)
+    reach = PullReach.of(setup)
+    casts = [reach.cast_to(xy) for xy in ASIDE]
+    paths = GripPath.stack([cast.grip_path(setup) for cast in casts])
+    feasibility = check_grip_paths(paths, setup)
+    assert feasibility.mask.all(), feasibility.reasons
+    last = paths.evaluate(paths.duration[:, None])[:, 0]
+    np.testing.assert_allclose(last[:, :2], [[cast.x, cast.y] for cast in casts], atol=1e-9)
+    heading = np.arctan2(*(ASIDE - last[:, :2]).T)
+    np.testing.assert_allclose(last[:, 3], heading, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", CABLE_NAMES)
+def test_the_simulated_endpoint_of_a_pull_aside_comes_to_rest_near_the_place(name):
+    setup = Setup(cable=name)
+    reach = PullReach.of(setup)
+    paths = GripPath.stack([reach.cast_to(xy).grip_path(setup) for xy in ASIDE])
+    ends = EngineWarp(segment_count=20, dt=1e-3).rollout(setup.cable, paths).endpoint_xy[:, -1]
+    astray = np.linalg.norm(ends - ASIDE, axis=1) / setup.cable.length
+    assert np.max(astray) < ASTRAY_LARGEST

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cablecast.errors import InputError, JointLimitError
-from cablecast.motion.action import Action, ActionRanges
-from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.action import ActionRanges
+from cablecast.motion.casting import Action, cast_grip_paths
 from cablecast.motion.feasibility import feasible_grid
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.setup import Setup

@@ -3,7 +3,7 @@ import pytest
 
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.evaluation.evaluate import Evaluation
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.workspace import load_targets

@@ -12,7 +12,7 @@ import pytest
 
 from cablecast.cable import Cable
 from cablecast.files import parse_yaml
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.rigs.base import Rig

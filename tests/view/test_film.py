@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.view.film import FilmConfig, Painter, camera_behind_robot, frame_times, write_film

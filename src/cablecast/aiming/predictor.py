@@ -17,13 +17,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.ensemble import EnsembleLandings
+from cablecast.aiming.polar import PolarLandings
 from cablecast.aiming.residual import ArrayRows, Experience, LocalSize, Places, ResidualScales
 from cablecast.cast import Cast
 from cablecast.errors import InputError
 from cablecast.learning.landing import LandingModel, deviations
 from cablecast.learning.policy import ForwardSearchPolicy
 from cablecast.motion.action import mirror_to_right
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.polar import PolarCast
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
 
@@ -258,6 +261,7 @@ class LandingPredictor:
         fitted: Whether the simulator was fitted to each: it then lands nearer to its prediction
             than others will, and says less.
         compared: Whether the end of each was compared with the simulated landing.
+        polar: Landings of polar casts; None where none are made.
     """
 
     beliefs: Beliefs
@@ -266,12 +270,14 @@ class LandingPredictor:
     casts: tuple[Cast, ...] = ()
     fitted: tuple[bool, ...] = ()
     compared: tuple[bool, ...] = ()
+    polar: PolarLandings | None = None
 
     @classmethod
-    def of(cls, beliefs: Beliefs) -> "LandingPredictor":
-        """Return the predictor before any cast."""
+    def of(cls, beliefs: Beliefs, *, polar: bool = False) -> "LandingPredictor":
+        """Return the predictor before any cast; `polar` tells whether it knows polar casts, too."""
         experience = Experience.empty(beliefs.scales, len(beliefs.model.units))
-        return cls(beliefs=beliefs, ensemble=beliefs.ensemble, experience=experience)
+        found = PolarLandings.of(beliefs.ensemble) if polar else None
+        return cls(beliefs=beliefs, ensemble=beliefs.ensemble, experience=experience, polar=found)
 
     def with_casts(
         self,
@@ -286,19 +292,21 @@ class LandingPredictor:
         A cast that left the table is taken to have landed there, unless the simulators expect that.
 
         Args:
-            casts: Casts with or without a landing. A motion without an action is left out.
+            casts: Casts with or without a landing. Motions of no family are left out.
             fitted: Whether the simulator was fitted to each; to none where None.
             ages: Factors of their noise, shape [cast]; drifts are noticed where None.
             fit_scales: Whether the scales of the process are fitted anew.
         """
-        rows = [row for row, cast in enumerate(casts) if np.all(np.isfinite(cast.action))]
+        if self.polar is not None:
+            self = dataclasses.replace(self, polar=self.polar.with_casts(casts))
+        rows = [row for row, cast in enumerate(casts) if isinstance(cast.action, Action)]
         known = [fitted is not None and bool(fitted[row]) for row in rows]
         experience = self.experience
         if not rows:
             fitted_anew = experience.with_fitted_scales() if fit_scales else experience
             return dataclasses.replace(self, experience=fitted_anew)
         # One batch takes hardly longer than one cast.
-        actions = np.array([casts[row].action for row in rows])
+        actions = np.array([casts[row].sweep for row in rows])
         candidates = self.evaluate(*mirror_to_right(actions))
         places, simulated_xy = self._located(candidates)
         table = self.beliefs.policy.setup.workspace
@@ -345,14 +353,16 @@ class LandingPredictor:
             start,
             ensemble=self.ensemble.updated(tracks),
             experience=dataclasses.replace(start.experience, residual=residual),
+            polar=None,
         )
         ages = iter(self.experience.ages)
         age_of = [next(ages) if compared else 1.0 for compared in self.compared]
-        return start.with_casts(
+        found = start.with_casts(
             [self.casts[row] for row in rows],
             fitted=[self.fitted[row] for row in rows],
             ages=[age_of[row] for row in rows],
         )
+        return dataclasses.replace(found, polar=self.polar)
 
     def _rows_near(self, target_xy: _Array) -> NDArray[np.int_]:
         """Return the rows of the casts that tell most of a target, in ascending order.
@@ -361,7 +371,7 @@ class LandingPredictor:
         later one counts. One without a landing counts where the network expects it.
         """
         task, units = self.beliefs.model.task, self.beliefs.model.units
-        actions, side = mirror_to_right(np.array([cast.action for cast in self.casts]))
+        actions, side = mirror_to_right(np.array([cast.sweep for cast in self.casts]))
         outcomes = np.array([cast.read(task) for cast in self.casts])
         expected = units * task.mirrored(self.beliefs.model.predict(actions), side)
         ends = np.where(np.isfinite(outcomes), outcomes, expected)
@@ -398,6 +408,18 @@ class LandingPredictor:
         simulated_xy = self.beliefs.simulated_xy(candidates)
         places = self.beliefs.places(candidates, simulated_xy, sensitivity)
         return simulated_xy + self.beliefs.length * self.experience.residual.means(places)
+
+    def moved(self, cast: Cast) -> tuple[_Array, float]:
+        """Return the outcome that is expected of the motion of a cast, and its scatter [m].
+
+        Raises:
+            InputError: No family describes the motion, or none that is predicted.
+        """
+        if isinstance(cast.action, PolarCast) and self.polar is not None:
+            found = self.polar.expectation(cast.action)
+            return found.mean, found.scatter
+        xy, _, scatter = self.predict(cast.sweep)
+        return xy[0], float(scatter[0])
 
     def predict(self, actions: ArrayLike) -> tuple[_Array, _Array, _Array]:
         """Predict the outcomes of actions on either side, shape [action, 5].

@@ -10,9 +10,13 @@ in a Kalman filter. An action that scatters more than expected, or stays far off
 advantage to others.
 """
 
+import dataclasses
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.aiming.polar import PolarLandings
 from cablecast.aiming.predictor import Candidates, LandingPredictor
 from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.camera.settings import CameraSight
@@ -20,9 +24,10 @@ from cablecast.cast import Proposal
 from cablecast.errors import InputError
 from cablecast.learning.landing import central_shifts
 from cablecast.learning.policy import COVERAGE_PCT, TABLE_MARGIN, refine_actions, within_ranges
-from cablecast.motion.action import ACTION_SIZE, Action, mirror_actions, mirror_to_right
-from cablecast.motion.casting import cast_grip_paths
+from cablecast.motion.action import ACTION_SIZE, mirror_actions, mirror_to_right
+from cablecast.motion.casting import Action, cast_grip_paths
 from cablecast.motion.feasibility import check_actions
+from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, Goal, Landing, MissLaw, shell_points
 
@@ -52,6 +57,10 @@ casts scatter by stays, and where no calm cast reaches no correction will."""
 
 CAMERA_HEIGHT = 2.2
 """Height of a camera above the middle of the table, where its place is not known [m]."""
+
+POLAR_LEFT, POLAR_COST = 0.02, 0.03
+"""Share of the variance that a correction of a polar cast leaves [-], as all polar casts err alike;
+and the loss that the 20 s count for by which it takes longer than a sweep [-]."""
 
 MARKER_RADIUS = 0.015
 """Distance from the arm's outline at which a marker of usual size is half hidden [m]."""
@@ -87,6 +96,7 @@ def propose(
     Raises:
         InputError: The arm can follow no action near this target.
     """
+    setup = goal.setup
     target = goal.value / predictor.beliefs.model.units
     goals = [target]
     if isinstance(goal.task, Landing) and sight is not None and sight.is_blind_at(target):
@@ -100,26 +110,49 @@ def propose(
         candidates = predictor.evaluate(candidates.actions[few], candidates.side[few])
         risk, failure = _risks(predictor, candidates, goal, sight)
     best = int(np.argmin(risk))
+    within = max(goal.within_pct, COVERAGE_PCT)
+    inside = bool(predictor.beliefs.policy.inside_coverage(goal.value, within))
+    law = law or MissLaw()
+    planned = functools.partial(Proposal, goal=goal, number=number, try_number=try_number)
+    if predictor.polar is not None and (cast := predictor.polar.aimed_at(goal.value)) is not None:
+        expected = predictor.polar.expectation(cast, law)
+        deviation = np.sqrt(0.5 * np.trace(expected.covariance)).reshape(1)
+        lost = lost_chance(cast.grip_path(setup), expected.mean[None], deviation, setup, sight)
+        expected = dataclasses.replace(expected, failure=float(lost[0]))
+        proposal = planned(
+            action=cast,
+            expected=expected,
+            inside_coverage=100.0 * float(goal.miss(expected.mean)) < within,
+        )
+        if _polar_risk(proposal, predictor.polar) < risk[best]:
+            return proposal
     if not np.isfinite(risk[best]):
         raise InputError("the arm can follow none of the policy's actions near this target")
     action = mirror_actions(candidates.actions, candidates.side)[best]
     xy, covariance, scatter = predictor.predict(action)
-    return Proposal(
-        goal=goal,
-        number=number,
-        try_number=try_number,
+    return planned(
         action=Action.from_array(action),
         expected=Expectation(
             mean=xy[0],
             covariance=covariance[0],
-            law=law or MissLaw(),
+            law=law,
             scatter=float(scatter[0]),
             failure=float(failure[best]),
         ),
-        inside_coverage=bool(
-            predictor.beliefs.policy.inside_coverage(goal.value, max(goal.within_pct, COVERAGE_PCT))
-        ),
+        inside_coverage=inside,
     )
+
+
+def _polar_risk(proposal: Proposal, polar: PolarLandings) -> float:
+    """Return the expected loss of a polar cast, and what its duration counts for."""
+    expected, length = proposal.expected, polar.setup.cable.length
+    variance = 0.5 * np.trace(expected.covariance) / length**2
+    scatter = (expected.scatter / length) ** 2
+    left = POLAR_LEFT * (variance - scatter) + 2.0 * scatter
+    miss, lost = np.array([proposal.expected_miss]), np.array([expected.failure])
+    now = expected_loss(miss, np.array([variance]), lost)
+    later = expected_loss(miss, np.array([left]), lost, NEXT_NEAR)
+    return float(0.5 * now[0] + 0.5 * later[0]) + POLAR_COST
 
 
 def _risks(
@@ -139,8 +172,9 @@ def _risks(
     target = goal.task.mirrored(goal.value / model.units, side)
     distance = np.linalg.norm(landing_xy - target, axis=1) / length
     motions = mirror_actions(candidates.actions, side)
+    paths = cast_grip_paths(motions, setup)
     rest_xy = LANDING.mirrored(model.rest(candidates.actions, landing_xy), side)
-    lost = lost_chance(motions, rest_xy, length * np.sqrt(variance), setup, sight)
+    lost = lost_chance(paths, rest_xy, length * np.sqrt(variance), setup, sight)
     seen = (1.0 - lost) * (1.0 - candidates.leaving)
     failure = 1.0 - seen * (1.0 - predictor.experience.failure_chance(places))
     risk = 0.5 * expected_loss(distance, variance, failure, dimension=count)
@@ -148,7 +182,7 @@ def _risks(
     margin = model.predict_margin(candidates.actions)
     # An action of an earlier cast may be beyond the arm's limits.
     feasible = check_actions(candidates.actions, setup).mask
-    made = [cast.action for cast in predictor.casts if cast.is_at(goal.value)]
+    made = [cast.sweep for cast in predictor.casts if cast.is_at(goal.value)]
     step = np.abs(motions[:, None] - np.reshape(made, (-1, ACTION_SIZE))) / SAME_ACTION
     feasible &= np.all(np.max(step, axis=2) > 1.0, axis=1)
     risk[~((margin >= _table_margin(predictor)) & feasible)] = np.inf
@@ -259,7 +293,7 @@ def _earlier_actions(predictor: LandingPredictor, target: _Array) -> _Array:
     ends = np.array([cast.read(model.task) / model.units - target for cast in landed])
     miss = np.linalg.norm(ends.reshape(-1, len(target)), axis=1) / predictor.beliefs.length
     near = [row for row in np.argsort(miss)[:_EARLIER_COUNT] if miss[row] < _EARLIER_REACH]
-    return np.array([landed[row].action for row in near]).reshape(-1, ACTION_SIZE)
+    return np.array([landed[row].sweep for row in near]).reshape(-1, ACTION_SIZE)
 
 
 def expected_loss(
@@ -288,7 +322,7 @@ def expected_loss(
 
 
 def lost_chance(
-    actions: NDArray[np.float64],
+    paths: GripPath,
     landing_xy: NDArray[np.float64],
     deviation: NDArray[np.float64],
     setup: Setup,
@@ -300,14 +334,13 @@ def lost_chance(
     that cannot follow an action hides nothing.
 
     Args:
-        actions: Actions on either side, shape [action, 5].
+        paths: Paths of the gripper, a row for each cast.
         landing_xy: Their expected landings [m], shape [action, 2].
         deviation: Standard deviation of the landings along each axis [m], shape [action].
         setup: Set-up with the arm and the table.
         sight: Limits of the camera's sight; those of a camera above the middle of the table,
             without blind places, where None.
     """
-    paths = cast_grip_paths(actions, setup)
     poses = paths.evaluate(paths.duration[:, None])[:, 0]
     still = np.zeros_like(poses)
     q = setup.arm.inverse_motion(poses, still, still).q

@@ -250,7 +250,7 @@ class AimSession:
 
         So a session that is opened again goes on as if it had never been closed.
         """
-        self.predictor = LandingPredictor.of(self._beliefs)
+        self.predictor = LandingPredictor.of(self._beliefs, polar=not self.config.fast)
         self.drifted = False
         self._scaled_count = 0
         self._local: tuple[tuple, LandingPredictor] | None = None
@@ -293,7 +293,7 @@ class AimSession:
     @property
     def fitted_count(self) -> int:
         """Number of casts that the simulator was fitted to, without those discarded since."""
-        return sum(self.model.has_fitted(*row) for row in self.active_casts())
+        return sum(self.model.has_fitted(*row) for row in self._active_sweeps())
 
     def add_casts(self, casts: Dataset) -> int:
         """Take in casts that were made for something else, and return how many are new.
@@ -337,6 +337,10 @@ class AimSession:
     def active_casts(self) -> list[tuple[int, Cast]]:
         """Return the casts that were not discarded, with their numbers."""
         return [row for row in enumerate(self.store.casts) if row[0] not in self.undone]
+
+    def _active_sweeps(self) -> list[tuple[int, Cast]]:
+        """Return the sweeps that were not discarded: simulators are fitted to these."""
+        return [(number, self.store.casts[number]) for number in self.store.sweeps]
 
     def is_done(self, value: ArrayLike) -> bool:
         """Return whether a goal of some value, shape [k], was hit, or all its tries are used."""
@@ -437,7 +441,7 @@ class AimSession:
         Its simulators have taken a step towards the casts near the target that they were not fitted
         to. The last one is kept.
         """
-        active = [row for row in self.active_casts() if not self.model.has_fitted(*row)]
+        active = [row for row in self._active_sweeps() if not self.model.has_fitted(*row)]
         rows = casts_near(active, Goal(task=self.task, setup=self.setup, value=target_xy))
         if not rows:
             return self.predictor
@@ -517,7 +521,7 @@ class AimSession:
         """Why the simulator should be fitted to all casts now; None if it need not be."""
         if self._refitting is None:
             return None
-        casts = [cast for _, cast in self.active_casts()]
+        casts = [cast for _, cast in self._active_sweeps()]
         return refit_due(
             casts,
             self.fitted_count,

@@ -27,8 +27,11 @@ from cablecast.data.schema import (
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import CablecastError, DatasetError, InputError
 from cablecast.motion.action import ActionRanges, action_rows
+from cablecast.motion.casting import Action
+from cablecast.motion.families import motion_of
 from cablecast.motion.grip_path import CHANNELS
-from cablecast.motion.trajectory import JointPath
+from cablecast.motion.polar import PolarCast
+from cablecast.motion.trajectory import JointPath, Motion
 from cablecast.runs.folder import fingerprint
 from cablecast.setup import SECTIONS, Setup
 from cablecast.task import Landing, Task
@@ -172,6 +175,14 @@ class Dataset:
                 "settings": {**settings, "count": len(rows)},
             },
         )
+
+    def motion(self, row: int) -> Motion | None:
+        """Return what the motion of one trial was planned from; None for one of no family."""
+        columns: dict[str, float] = dict(zip(Action.parameters, self.actions[row], strict=True))
+        for name in PolarCast.parameters:
+            if name in self.extra:
+                columns[name] = self.extra[name][row]
+        return motion_of(columns)
 
     def track(self, row: int) -> EndpointTrack:
         """Return the track that the rig reported for one trial.

@@ -33,7 +33,8 @@ from cablecast.errors import (
     check_count,
 )
 from cablecast.files import core_count, temporary_prefix
-from cablecast.motion.action import Action, ActionRanges, check_action_values
+from cablecast.motion.action import ActionRanges, check_action_values
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_grid, feasible_ranges, feasible_uniform
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.rigs.base import Rig

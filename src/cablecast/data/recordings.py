@@ -21,7 +21,7 @@ from cablecast.conventions import Array
 from cablecast.data.mocap import MocapNames
 from cablecast.errors import COUNT_MAX, InputError
 from cablecast.files import read_bytes, read_csv
-from cablecast.motion.action import ACTION_SIZE, Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.checked import JOINT_ANGLE_MAX
 from cablecast.setup import Setup
@@ -343,7 +343,7 @@ def _recording(where: str, name: str, columns: dict[str, Array], setup: Setup) -
         action = _action(columns)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-    if joint_path is None and grip is None and not np.all(np.isfinite(action)):
+    if joint_path is None and grip is None and action is None:
         raise InputError(f"{where}: there are neither joints, nor a grip, nor an action")
     path = grip or (joint_path and (joint_path.times, setup.arm.grip_pose(joint_path.q)))
     if path is not None:
@@ -457,16 +457,16 @@ def _grip(
     return times, poses
 
 
-def _action(columns: dict[str, Array]) -> Array:
-    """Return the first action that is stated, shape [5]; NaN without one."""
+def _action(columns: dict[str, Array]) -> Action | None:
+    """Return the first action that is stated; None without one."""
     if ACTION_COLUMNS[0] in columns:
         stated = [columns[column] for column in ACTION_COLUMNS]
         pace = columns.get(PACE_COLUMN, np.ones(len(stated[0])))
         stated = np.stack([*stated, np.nan_to_num(pace, nan=1.0)], axis=-1)
         stated = stated[np.all(np.isfinite(stated), axis=1)]
         if len(stated):
-            return Action.from_array(stated[0]).to_array()
-    return np.full(ACTION_SIZE, np.nan)
+            return Action.from_array(stated[0])
+    return None
 
 
 def _status(times: Array, xy: Array, workspace: Workspace) -> TrialStatus:

@@ -27,7 +27,7 @@ from cablecast.data.schema import (
 )
 from cablecast.errors import CablecastError, DamagedFileError, DatasetError, InputError
 from cablecast.files import read_sealed, seal, write_bytes, write_json
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.runs.folder import RunFolder, fingerprint
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, Goal, MissLaw, Task
@@ -48,8 +48,11 @@ def cast_row(cast: Cast) -> dict[str, Any]:
     if cast.grip is not None:
         times, poses = cast.grip
         reported |= {"grip_times": times, "grip_pose": poses.ravel()}
+    action = cast.action
+    planned = {} if action is None else dict(zip(action.parameters, action.to_array(), strict=True))
     return {
-        **dict(zip(ACTION_COLUMNS, cast.action, strict=True)),
+        **dict.fromkeys(ACTION_COLUMNS, np.nan),
+        **planned,
         **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
         "status": track.status.code,
         "duration": cast.duration,
@@ -73,7 +76,7 @@ def dataset_cast(casts: Dataset, row: int) -> Cast:
         DatasetError: The dataset holds no tracks.
     """
     return Cast(
-        action=casts.actions[row],
+        action=casts.motion(row),
         duration=float(casts.duration[row]),
         joint_path=casts.commanded_joints(row),
         track=casts.track(row),
@@ -119,6 +122,8 @@ def _stored_proposal(casts: Dataset, number: int, setup: Setup, task: Task) -> P
         return None
     if cells["task"] != task.name:
         raise InputError(f"its task is {cells['task']}")
+    if (action := casts.motion(0)) is None:
+        raise InputError("the parameters of its motion are missing")
     mean, (scale, freedom) = np.array(cells["expected"], dtype=float), cells["law"]
     return Proposal(
         goal=Goal(
@@ -129,7 +134,7 @@ def _stored_proposal(casts: Dataset, number: int, setup: Setup, task: Task) -> P
         ),
         number=number,
         try_number=cells["try_number"],
-        action=Action.from_array(casts.actions[0]),
+        action=action,
         expected=Expectation(
             mean=mean,
             covariance=np.array(cells["covariance"], dtype=float).reshape(len(mean), len(mean)),
@@ -215,6 +220,15 @@ class CastStore:
             if cast.origin not in origins:
                 self.add(cast)
         return len(self) - before
+
+    @property
+    def sweeps(self) -> list[int]:
+        """Numbers of the sweeps that were not discarded: simulators are fitted to these."""
+        return [
+            number
+            for number, cast in enumerate(self.casts)
+            if number not in self.undone and isinstance(cast.action, Action)
+        ]
 
     def in_memory(self) -> "CastStore":
         """Return a store of the same casts that keeps nothing on disk."""

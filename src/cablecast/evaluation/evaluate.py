@@ -17,6 +17,7 @@ from cablecast.data.store import dataset_cast
 from cablecast.errors import InputError
 from cablecast.files import write_csv
 from cablecast.learning.policy import Policy
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.runs.progress import ProgressCallback, ignore
@@ -327,7 +328,7 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
     for row, cast in enumerate(evaluation.casts):
         r, theta = xy_to_polar(aimed_xy[row])
         # A motion without an action has empty cells.
-        theta1, theta2, r2, psi, pace = cast.action
+        theta1, theta2, r2, psi, pace = cast.sweep
         target = int(evaluation.target_index[row])
         values = (
             target,
@@ -420,7 +421,7 @@ def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
     Raises:
         InputError: A cast was not planned by a model.
     """
-    if any(motion.action is None for motion in evaluation.motions):
+    if not all(isinstance(motion.action, Action) for motion in evaluation.motions):
         raise InputError("only casts that a model planned can be split")
     targets, first = np.unique(evaluation.target_index, return_index=True)
     simulated = run_trials(engine_rig, [evaluation.motions[row] for row in first])

@@ -24,13 +24,8 @@ from cablecast.errors import (
     check_number,
 )
 from cablecast.gym.picture import picture
-from cablecast.motion.action import (
-    PSI_MAX,
-    Action,
-    check_action_values,
-    mirror_actions,
-    with_psi,
-)
+from cablecast.motion.action import PSI_MAX, check_action_values, mirror_actions, with_psi
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import check_actions, feasible_ranges
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.base import Rig, run_trials

@@ -36,11 +36,11 @@ from cablecast.motion.action import (
     PSI_MAX,
     THETA_MAX,
     THETA_MIN,
-    Action,
     ActionRanges,
     mirror_actions,
     mirror_to_right,
 )
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import check_actions, feasible_actions
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
 from cablecast.motion.trajectory import Trajectory, plan_trajectory

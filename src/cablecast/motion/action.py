@@ -1,4 +1,4 @@
-"""Actions of the casting motion, their ranges and grids.
+"""Batches of actions of the sweep, the casting motion of the paper; their ranges and grids.
 
 An action is (theta1, theta2, r2, psi, pace). The gripper sweeps from straight ahead to theta1 and
 back to theta2 while its radius changes from r0 to r2. psi is the final heading of the cable at the
@@ -33,50 +33,8 @@ PACE_BOUNDS = (0.05, 3.0)
 """Bounds of the pace [-]; slower, a motion lasts longer than anybody waits."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Action:
-    """One casting motion.
-
-    Attributes:
-        theta1: End of the first arc and start of the second [rad].
-        theta2: End of the second arc, on the other side of the workspace axis [rad].
-        r2: Final radius about the polar origin [m].
-        psi: Final heading of the cable at the gripper [rad]; theta2 if None (action set A1).
-        pace: Speed over that of the paper's motion along the same path [-].
-    """
-
-    theta1: float
-    theta2: float
-    r2: float
-    psi: float | None = None
-    pace: float = 1.0
-
-    def __post_init__(self):
-        check_action_values(self.to_array()[None])
-
-    def to_array(self) -> NDArray[np.float64]:
-        """Return (theta1, theta2, r2, psi, pace), shape [5]."""
-        psi = self.theta2 if self.psi is None else self.psi
-        try:
-            return np.array([self.theta1, self.theta2, self.r2, psi, self.pace], dtype=float)
-        except (TypeError, ValueError):
-            raise ActionError(f"{self!r} holds a value that is not a number") from None
-
-    @classmethod
-    def from_array(cls, values: ArrayLike) -> "Action":
-        """Make an action from (theta1, theta2, r2), with psi, or with psi and pace."""
-        values = _numbers(values)
-        if values.shape not in ((3,), (4,), (ACTION_SIZE,)):
-            raise ActionError(f"an action has shape {values.shape}: it must be [3], [4] or [5]")
-        return cls(*(float(value) for value in values))
-
-    def mirrored(self) -> "Action":
-        """Return the action that lands mirrored about the workspace axis (section V-B)."""
-        psi = None if self.psi is None else -self.psi
-        return dataclasses.replace(self, theta1=-self.theta1, theta2=-self.theta2, psi=psi)
-
-
-def _numbers(values: ArrayLike) -> NDArray[np.float64]:
+def action_numbers(values: ArrayLike) -> NDArray[np.float64]:
+    """Return values of actions as an array of any shape; raises ActionError for others."""
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
@@ -93,7 +51,7 @@ def action_rows(actions: ArrayLike) -> NDArray[np.float64]:
     Raises:
         ActionError: The array has another shape, or holds something else.
     """
-    actions = _numbers(actions)
+    actions = action_numbers(actions)
     if actions.ndim != 2 or actions.shape[1] not in (ACTION_SIZE - 1, ACTION_SIZE):
         raise ActionError(f"actions have shape {actions.shape}: it must be [action, 4 or 5]")
     if actions.shape[1] == ACTION_SIZE:

@@ -7,11 +7,18 @@ cable by psi - theta2.
 """
 
 import dataclasses
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.motion.action import check_action_values
+from cablecast.errors import ActionError
+from cablecast.motion.action import (
+    ACTION_NAMES,
+    ACTION_SIZE,
+    action_numbers,
+    check_action_values,
+)
 from cablecast.motion.grip_path import GripPath, Profiles, plan_profiles
 from cablecast.setup import Setup
 
@@ -27,6 +34,57 @@ ACCURATE_RADIUS = 0.8
 KNOT_GAP = 1e-9
 # Actions per chunk: limits the intermediate arrays to about 10 MB.
 CHUNK = 2048
+
+
+@dataclasses.dataclass(frozen=True)
+class Action:
+    """One sweep, the casting motion of the paper (section V-B).
+
+    Attributes:
+        theta1: End of the first arc and start of the second [rad].
+        theta2: End of the second arc, on the other side of the workspace axis [rad].
+        r2: Final radius about the polar origin [m].
+        psi: Final heading of the cable at the gripper [rad]; theta2 if None (action set A1).
+        pace: Speed over that of the paper's motion along the same path [-].
+    """
+
+    theta1: float
+    theta2: float
+    r2: float
+    psi: float | None = None
+    pace: float = 1.0
+
+    family: ClassVar[str] = "sweep"
+    parameters: ClassVar[tuple[str, ...]] = ACTION_NAMES
+    near_table: ClassVar[bool] = True
+
+    def __post_init__(self):
+        check_action_values(self.to_array()[None])
+
+    def to_array(self) -> NDArray[np.float64]:
+        """Return (theta1, theta2, r2, psi, pace), shape [5]."""
+        psi = self.theta2 if self.psi is None else self.psi
+        try:
+            return np.array([self.theta1, self.theta2, self.r2, psi, self.pace], dtype=float)
+        except (TypeError, ValueError):
+            raise ActionError(f"{self!r} holds a value that is not a number") from None
+
+    @classmethod
+    def from_array(cls, values: ArrayLike) -> "Action":
+        """Make an action from (theta1, theta2, r2), with psi, or with psi and pace."""
+        values = action_numbers(values)
+        if values.shape not in ((3,), (4,), (ACTION_SIZE,)):
+            raise ActionError(f"an action has shape {values.shape}: it must be [3], [4] or [5]")
+        return cls(*(float(value) for value in values))
+
+    def mirrored(self) -> "Action":
+        """Return the action that lands mirrored about the workspace axis (section V-B)."""
+        psi = None if self.psi is None else -self.psi
+        return dataclasses.replace(self, theta1=-self.theta1, theta2=-self.theta2, psi=psi)
+
+    def grip_path(self, setup: Setup) -> GripPath:
+        """Return the path of the gripper, one row."""
+        return cast_grip_paths(self.to_array()[None], setup)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -409,7 +409,7 @@ PIECE_DURATION = 0.1
 follows the turning plane to within 1 um at 2 rad/s (tests/motion/test_plane_path.py)."""
 
 # Minimum-jerk move from 0 to 1 over unit time, from rest to rest.
-_SMOOTH = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+SMOOTH = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
 
 
 class PlanePath:
@@ -447,7 +447,7 @@ class PlanePath:
             end[COORDINATES.index(name)] = value
         count = max(1, int(np.ceil(duration / PIECE_DURATION)))
         share = np.linspace(0.0, 1.0, count + 1)
-        orders = [_SMOOTH.deriv(order)(share) / duration**order for order in range(3)]
+        orders = [SMOOTH.deriv(order)(share) / duration**order for order in range(3)]
         states = np.stack(orders, axis=1)[:, :, None] * (end - start)
         states[:, 0] += start
         self._append(share * duration, states)

@@ -12,6 +12,8 @@ initial state of every cast: in front of the robot, at rest, without torsion.
 
 import contextlib
 import dataclasses
+import functools
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.cable import Cable
 from cablecast.conventions import GRAVITY, polar_to_xy, xy_to_polar
 from cablecast.errors import InputError, JointLimitError, TargetError
-from cablecast.motion.grip_path import GripPath, PlanePath
+from cablecast.motion.grip_path import SMOOTH, GripPath, PlanePath
 from cablecast.motion.trajectory import Trajectory, follow
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
@@ -32,6 +34,15 @@ _SAME_REACH = 1.05
 _PACES = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
 """Multiples of a reset's times that are tried, until the arm can follow: swings up to 1.3 times as
 slow still lay the cable out, and one of 1.5 leaves it slack (fast engine, both ropes)."""
+
+
+_PULL_POINTS = 24
+"""Points of a pull aside that the path goes through."""
+
+_END_X_MAX, _GRID_COUNT, _GRID_CLOSE, _NEWTON_STEPS = 0.5, 121, 0.02, 12
+"""Largest |x| of the gripper at the end of a pull [m]; casts of the grid that a search for one
+starts from along each axis, the distance from the place within which it starts [m], and its
+steps."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -226,15 +237,15 @@ class PolarReach:
         inside &= (xy[..., 1] <= self.y_max) & (np.abs(theta) < np.pi / 2)
         return inside & ((r - self.cable_length) * np.cos(theta) >= self.grip_y_min)
 
-    def landing_radius(self, theta: float) -> float:
-        """Return the distance at which the endpoint lands at an azimuth [rad], before the pull."""
-        sin, cos = abs(np.sin(theta)), np.cos(theta)
-        edges = [self.half_width / sin if sin > 0 else np.inf, self.y_max / cos]
-        return float(min(self.radius, *edges))
+    def landing_radius(self, theta: ArrayLike) -> Array:
+        """Return the distance at which the endpoint lands at azimuths [rad], before the pull."""
+        with np.errstate(divide="ignore"):
+            side = self.half_width / np.abs(np.sin(theta))
+        return np.minimum(self.radius, np.minimum(side, self.y_max / np.cos(theta)))
 
-    def pulled_radius(self, theta: float) -> float:
-        """Return the smallest distance to which the endpoint can be pulled at an azimuth [rad]."""
-        return float(self.grip_y_min / np.cos(theta) + self.cable_length)
+    def pulled_radius(self, theta: ArrayLike) -> Array:
+        """Return the smallest distances to which the endpoint can be pulled at azimuths [rad]."""
+        return self.grip_y_min / np.cos(theta) + self.cable_length
 
     @property
     def theta_max(self) -> float:
@@ -249,11 +260,9 @@ class PolarReach:
     def outline(self, count: int = 200) -> Array:
         """Return points from the right end along the far bound and back [m], shape [2 count, 2]."""
         theta = np.linspace(self.theta_max, -self.theta_max, count)
-        bounds = [
-            polar_to_xy(np.stack([[radius(t) for t in angles], angles], axis=-1))
-            for radius, angles in ((self.landing_radius, theta), (self.pulled_radius, theta[::-1]))
-        ]
-        return np.concatenate(bounds)
+        radius = [self.landing_radius(theta), self.pulled_radius(theta)[::-1]]
+        angles = np.concatenate([theta, theta[::-1]])
+        return polar_to_xy(np.stack([np.concatenate(radius), angles], axis=-1))
 
     def nearest(self, xy: ArrayLike) -> Array:
         """Return the point of the region nearest to each point [m], shape [..., 2]."""
@@ -370,40 +379,232 @@ def check_finite(name: str, values: ArrayLike, count: int) -> Array:
     return found
 
 
+@dataclasses.dataclass(frozen=True)
+class PolarCast:
+    """One polar cast: a swing out along an azimuth, and a straight pull along the table.
+
+    In the paper the pull goes back along the azimuth. In any other direction the free end follows
+    as a tractrix, and comes to places that are too near to the robot for a pull straight back.
+
+    Attributes:
+        azimuth: Azimuth of the swing, from straight ahead, positive to the robot's right [rad].
+        x, y: Place of the gripper at the end of the pull [m].
+    """
+
+    azimuth: float
+    x: float
+    y: float
+
+    family: ClassVar[str] = "polar"
+    parameters: ClassVar[tuple[str, ...]] = ("polar_azimuth", "polar_x", "polar_y")
+    near_table: ClassVar[bool] = False
+
+    def __post_init__(self):
+        check_finite("polar cast", self.to_array(), len(self.parameters))
+
+    def __str__(self) -> str:
+        return (
+            f"the polar cast at {np.degrees(self.azimuth):.1f} deg, pulled to x = {self.x:.3f} m, "
+            f"y = {self.y:.3f} m"
+        )
+
+    @classmethod
+    def back_to(cls, endpoint_xy: ArrayLike, setup: Setup) -> "PolarCast":
+        """Return the cast of the paper that brings the endpoint to a point of `PolarReach`.
+
+        Raises:
+            InputError: The point lies elsewhere.
+        """
+        reach = PolarReach.of(setup)
+        return cls._back_to(check_finite("target", endpoint_xy, 2), reach)
+
+    @classmethod
+    def _back_to(cls, endpoint_xy: Array, reach: PolarReach) -> "PolarCast":
+        # Rounding may put a point of the outline outside.
+        if np.max(np.abs(reach.nearest(endpoint_xy) - endpoint_xy)) > 1e-6:
+            x, y = endpoint_xy.tolist()
+            raise InputError(
+                f"polar casting does not reach ({x:.3f}, {y:.3f}) m: r must be at most "
+                f"{reach.radius:.3f} m, and the gripper's y at least {reach.grip_y_min:.3f} m, on "
+                "the table"
+            )
+        r, theta = xy_to_polar(endpoint_xy).tolist()
+        return cls(theta, *polar_to_xy([r - reach.cable_length, theta]).tolist())
+
+    def to_array(self) -> Array:
+        """Return the azimuth [rad], x and y [m], shape [3]."""
+        return np.array([self.azimuth, self.x, self.y], dtype=float)
+
+    @classmethod
+    def from_array(cls, values: ArrayLike) -> "PolarCast":
+        """Make a cast from its azimuth [rad], x and y [m]."""
+        return cls(*check_finite("polar cast", values, len(cls.parameters)).tolist())
+
+    def mirrored(self) -> "PolarCast":
+        """Return the cast that lands mirrored about the workspace axis."""
+        return PolarCast(-self.azimuth, -self.x, self.y)
+
+    def grip_path(self, setup: Setup) -> GripPath:
+        """Return the path of the gripper from the reset pose, one row."""
+        return _cast_path(self, setup, PolarCastConfig.of(setup.workspace))
+
+
+def _cast_path(cast: PolarCast, setup: Setup, config: PolarCastConfig) -> GripPath:
+    cable, workspace = setup.cable, setup.workspace
+    radius = float(PolarReach.of(setup, config).landing_radius(cast.azimuth)) - cable.length
+    path = PlanePath(reset_pose(workspace))
+    slow = dataclasses.replace(config, rise_time=config.cast_rise_time)
+    _lift(path, cable, slow, cast.azimuth).hold(config.hang_time)
+    _swing_out(path, radius, workspace, config)
+    end = np.array([cast.x, cast.y])
+    if abs(xy_to_polar(end)[1] - cast.azimuth) < 1e-9:
+        return _pull_back(path, float(np.hypot(*end)), config).grip_path()
+    return _pull_aside(path, end, cable, config).grip_path()
+
+
+def _pull_aside(path: PlanePath, end: Array, cable: Cable, config: PolarCastConfig) -> PlanePath:
+    """Append the slow straight pull to a place [m], with the gripper along the cable."""
+    place = path.place
+    start = polar_to_xy([place["radius"], place["azimuth"]])
+    way = float(np.linalg.norm(end - start))
+    time = np.linspace(0.0, 1.0, _PULL_POINTS + 1)[1:]
+    share = SMOOTH(time)
+    xy = start + share[:, None] * (end - start)
+    heading = trailing_heading(place["azimuth"], end - start, share * way / cable.length)
+    azimuth = xy_to_polar(xy)[:, 1]
+    duration = max(config.pull_time_min, way / config.pull_speed)
+    return path.through(
+        (duration * time).tolist(),
+        azimuth=azimuth.tolist(),
+        radius=np.hypot(*xy.T).tolist(),
+        turn=(heading - azimuth).tolist(),
+    )
+
+
+def trailing_heading(heading: ArrayLike, direction: ArrayLike, ways: ArrayLike) -> Array:
+    """Return the heading of a straight cable that is pulled straight, its end trailing [rad].
+
+    The end of a cable that does not slip sideways moves along the cable, on a tractrix: the angle a
+    between the cable and the line of the pull obeys tan(a / 2) = tan(a0 / 2) exp(-s / L), with s
+    the way and L the length of the cable.
+
+    Args:
+        heading: Heading from the gripper to the end before the pull [rad], shape [...].
+        direction: Direction of the pull, of any length, shape [..., 2].
+        ways: s / L [-], shape [...].
+    """
+    direction = np.asarray(direction, dtype=float)
+    behind = np.arctan2(-direction[..., 0], -direction[..., 1])
+    angle = (np.asarray(heading) - behind + np.pi) % (2.0 * np.pi) - np.pi
+    return behind + 2.0 * np.arctan(np.tan(angle / 2.0) * np.exp(-np.asarray(ways)))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PullReach:
+    """Places to which a swing and a pull in any direction bring the end of a straight cable.
+
+    A place that the paper's polar cast reaches is reached by it. For others the pull ends at the
+    robot's own table, of all that lead there the one that turns the least from the swing.
+
+    Attributes:
+        back: Region of the paper's polar casts.
+        end_x_max: Largest |x| of the gripper at the end of a pull [m].
+    """
+
+    back: PolarReach
+    end_x_max: float
+
+    @classmethod
+    def of(cls, setup: Setup) -> "PullReach":
+        """Return the places for the cable, the table and the arm of a set-up.
+
+        Raises:
+            InputError: Polar casting reaches nothing.
+        """
+        back = PolarReach.of(setup)
+        far = float(np.sqrt(max(back.cast_radius**2 - back.grip_y_min**2, 0.0)))
+        return cls(back=back, end_x_max=min(far, _END_X_MAX))
+
+    def end_xy(self, casts: ArrayLike) -> Array:
+        """Return where casts bring the end of a straight cable [m], shape [..., 2].
+
+        `casts` are their parameters, shape [..., 3].
+        """
+        casts = np.asarray(casts, dtype=float)
+        azimuth, end = casts[..., 0], casts[..., 1:]
+        start = self._start(azimuth)
+        way = np.linalg.norm(end - start, axis=-1)
+        length = self.back.cable_length
+        heading = trailing_heading(azimuth, end - start, way / length)
+        return end + polar_to_xy(np.stack([np.full_like(heading, length), heading], axis=-1))
+
+    def way(self, cast: PolarCast) -> float:
+        """Return the length of the pull of a cast [m]."""
+        return float(np.linalg.norm(cast.to_array()[1:] - self._start(cast.azimuth)))
+
+    def cast_to(self, xy: Array) -> PolarCast | None:
+        """Return the cast that brings the end of a straight cable to a place [m], shape [2]."""
+        if self.back.contains(xy):
+            return PolarCast._back_to(xy, self.back)
+        grid, ends, turns = self._grid
+        near = np.linalg.norm(ends - xy, axis=-1)
+        close = near < _GRID_CLOSE
+        if not close.any():
+            return None
+        values = grid[np.argmin(np.where(close, turns, np.inf))]
+        for _ in range(_NEWTON_STEPS):
+            offset = xy - self.end_xy(values)
+            if np.linalg.norm(offset) < 1e-6:
+                break
+            steps = np.array([[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]])
+            slopes = (self.end_xy(values + steps) - self.end_xy(values - steps)).T / 2e-5
+            values = values + np.append(np.linalg.lstsq(slopes, offset, rcond=None)[0], 0.0)
+        inside = abs(values[0]) <= self.back.theta_max and abs(values[1]) <= self.end_x_max
+        if not inside or np.linalg.norm(xy - self.end_xy(values)) > 1e-4:
+            return None
+        return PolarCast.from_array(values)
+
+    def _start(self, azimuth: ArrayLike) -> Array:
+        """Return where the gripper comes down at azimuths [m], shape [..., 2]."""
+        radius = self.back.landing_radius(azimuth) - self.back.cable_length
+        return polar_to_xy(np.stack([radius, np.asarray(azimuth, dtype=float)], axis=-1))
+
+    @functools.cached_property
+    def _grid(self) -> tuple[Array, Array, Array]:
+        """Casts that end at the robot's own table, where they bring the end, and their turn."""
+        limit = self.back.theta_max
+        azimuth, x = np.meshgrid(
+            np.linspace(-limit, limit, _GRID_COUNT),
+            np.linspace(-self.end_x_max, self.end_x_max, _GRID_COUNT),
+            indexing="ij",
+        )
+        casts = np.stack([azimuth, x, np.full_like(x, self.back.grip_y_min)], axis=-1)
+        casts = casts.reshape(-1, 3)
+        back = np.arctan2(*(self._start(casts[:, 0]) - casts[:, 1:]).T)
+        return casts, self.end_xy(casts), np.abs(back - casts[:, 0])
+
+
 def polar_cast_path(
     endpoint_xy: ArrayLike, setup: Setup, config: PolarCastConfig | None = None
 ) -> GripPath:
     """Return the motion from the reset pose that brings the endpoint to a point of `PolarReach`."""
-    cable, workspace = setup.cable, setup.workspace
-    config = config or PolarCastConfig.of(workspace)
-    reach = PolarReach.of(setup, config)
+    config = config or PolarCastConfig.of(setup.workspace)
     endpoint_xy = check_finite("target", endpoint_xy, 2)
-    # Rounding may put a point of the outline outside.
-    if np.max(np.abs(reach.nearest(endpoint_xy) - endpoint_xy)) > 1e-6:
-        x, y = endpoint_xy.tolist()
-        raise InputError(
-            f"polar casting does not reach ({x:.3f}, {y:.3f}) m: r must be at most "
-            f"{reach.radius:.3f} m, and the gripper's y at least {reach.grip_y_min:.3f} m, on the "
-            "table"
-        )
-    r, theta = xy_to_polar(endpoint_xy).tolist()
-    path = PlanePath(reset_pose(workspace))
-    slow = dataclasses.replace(config, rise_time=config.cast_rise_time)
-    _lift(path, cable, slow, theta).hold(config.hang_time)
-    _swing_out(path, reach.landing_radius(theta) - cable.length, workspace, config)
-    return _pull_back(path, r - cable.length, config).grip_path()
+    return _cast_path(PolarCast._back_to(endpoint_xy, PolarReach.of(setup, config)), setup, config)
 
 
 def plan_polar_cast(
     endpoint_xy: ArrayLike, setup: Setup, config: PolarCastConfig | None = None
 ) -> Trajectory:
-    """Plan a polar cast down to joint set points; see `polar_cast_path`.
+    """Plan a polar cast of the paper down to joint set points; see `polar_cast_path`.
 
     Raises:
         InputError: The point lies outside the region.
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    return follow(polar_cast_path(endpoint_xy, setup, config), setup, "this polar cast")
+    path = polar_cast_path(endpoint_xy, setup, config)
+    cast = PolarCast.back_to(endpoint_xy, setup) if config is None else None
+    return follow(path, setup, "this polar cast", cast)
 
 
 def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> GripPath:
@@ -411,7 +612,7 @@ def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
     config, cable = config or PolarCastConfig.of(setup.workspace), setup.cable
     path = PlanePath(check_finite("start", start, 5))
     _lift(path, cable, config).hold(config.hang_time)
-    radius = PolarReach.of(setup, config).landing_radius(0.0) - cable.length
+    radius = float(PolarReach.of(setup, config).landing_radius(0.0)) - cable.length
     # A cable that is long for the table is laid no nearer than the reset pose.
     _swing_out(path, max(radius, setup.workspace.reset_y), setup.workspace, config)
     return _pull_back(path, float(reset_pose(setup.workspace)[1]), config).grip_path()

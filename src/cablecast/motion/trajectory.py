@@ -1,14 +1,13 @@
 """Trajectory: one planned motion down to the set points of the joints, as every rig executes it."""
 
 import dataclasses
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import limit_violations
 from cablecast.errors import IKError, InputError, JointLimitError
-from cablecast.motion.action import Action
-from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
@@ -78,17 +77,59 @@ def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:
     return JointPath(times=times, q=motion.q, qd=motion.qd)
 
 
+class Motion(Protocol):
+    """What a cast is planned from: the parameters of one family of motions.
+
+    `Action` is the sweep of the paper, `PolarCast` its baseline. `MOTIONS` (`motion/families.py`)
+    lists them all.
+
+    Attributes:
+        family: Name of the family in files.
+        parameters: Names of the parameters, which are columns of datasets.
+        near_table: Whether the gripper must keep in front of the table's near edge throughout.
+    """
+
+    family: ClassVar[str]
+    parameters: ClassVar[tuple[str, ...]]
+    near_table: ClassVar[bool]
+
+    def to_array(self) -> NDArray[np.float64]:
+        """Return the parameters, shape [parameter]."""
+        ...
+
+    @classmethod
+    def from_array(cls, values: ArrayLike) -> Self:
+        """Make a motion from its parameters.
+
+        Raises:
+            InputError: It is no motion of the family.
+        """
+        ...
+
+    def mirrored(self) -> Self:
+        """Return the motion that lands mirrored about the workspace axis."""
+        ...
+
+    def grip_path(self, setup: Setup) -> GripPath:
+        """Return the path of the gripper, one row.
+
+        Raises:
+            InputError: There is none in this set-up.
+        """
+        ...
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trajectory:
     """One planned motion for a rig to execute.
 
     Attributes:
-        action: Action that it was planned from; None for a motion that is not a cast.
+        action: What it was planned from; None for a motion that is not a cast.
         grip_path: Path of the gripper, one row.
         joint_path: Set points of the joints; None for a rig without joints.
     """
 
-    action: Action | None
+    action: Motion | None
     grip_path: GripPath
     joint_path: JointPath | None
 
@@ -102,24 +143,26 @@ class Trajectory:
         return float(self.grip_path.duration[0])
 
 
-def plan_trajectory(action: Action, setup: Setup) -> Trajectory:
-    """Plan the motion of an action down to joint set points.
+def plan_trajectory(action: Motion, setup: Setup) -> Trajectory:
+    """Plan a motion down to joint set points.
 
     Raises:
+        InputError: There is no such motion in this set-up.
         JointLimitError: The motion violates limits; the message names each with its value.
     """
-    return follow(cast_grip_paths(action.to_array()[None], setup), setup, str(action), action)
+    return follow(action.grip_path(setup), setup, str(action), action)
 
 
 def follow(
-    grip_path: GripPath, setup: Setup, what: str, action: Action | None = None
+    grip_path: GripPath, setup: Setup, what: str, action: Motion | None = None
 ) -> Trajectory:
     """Add the joint set points that follow a grip path of one row; `what` names it in the error.
 
     Raises:
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    feasibility = check_grip_paths(grip_path, setup, casting=action is not None)
+    casting = action is not None and action.near_table
+    feasibility = check_grip_paths(grip_path, setup, casting=casting)
     if not feasibility.mask[0]:
         raise JointLimitError(f"the arm cannot follow {what}: {feasibility.describe(0)}")
     path = joint_path(grip_path, setup)

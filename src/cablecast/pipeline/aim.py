@@ -377,7 +377,7 @@ class _Learning:
     def __call__(self, store: CastStore, progress: ProgressCallback) -> FittedModel:
         """Return the model of a later fit; see `Refitting`."""
         # A page may cast meanwhile.
-        count, casts = len(store), store.dataset()
+        count, casts = len(store), store.dataset(store.sweeps)
         name = f"{count:05d}-{len(store.undone):05d}"
         # A fork keeps nothing.
         folder = store.folder and self.folder and self.folder / FITS_FOLDER / name

@@ -13,7 +13,7 @@ from cablecast.camera.lens import CameraView
 from cablecast.camera.tags import Point, TableFit, fit_table
 from cablecast.errors import CameraError, InputError, check_count, check_number
 from cablecast.files import read_numbers
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.arm import RigArm
 from cablecast.rigs.base import Rig

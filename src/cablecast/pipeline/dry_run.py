@@ -7,7 +7,7 @@ import numpy as np
 
 from cablecast.data.record import Purpose
 from cablecast.errors import CablecastError
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_ranges
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import Trajectory, plan_trajectory

@@ -15,6 +15,7 @@ from cablecast.aiming.session import (
 )
 from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
+from cablecast.motion.polar import PolarCast
 
 DRIFT_NOTE = (
     "The last casts land elsewhere than earlier ones say: the cable, its grip or the camera has "
@@ -49,9 +50,11 @@ def region_text(proposal: Proposal, share: float) -> str:
 
 def motion_text(proposal: Proposal) -> str:
     """Return how long a motion takes, and its pace where that is not the paper's."""
-    pace = proposal.action.pace
-    paced = "" if pace == 1.0 else f", a pace of {pace:.2f}"
-    return f"{proposal.trajectory.duration:.2f} s{paced}"
+    action, duration = proposal.action, f"{proposal.trajectory.duration:.2f} s"
+    if isinstance(action, PolarCast):
+        return f"{duration}, {action}"
+    pace = action.to_array()[-1]
+    return duration if pace == 1.0 else f"{duration}, a pace of {pace:.2f}"
 
 
 def outlook_text(proposal: Proposal) -> str:
@@ -94,27 +97,42 @@ def stop_text(stop: Stop) -> str:
 
 def reason_text(proposal: Proposal, session: AimSession) -> str:
     """Return why an action is proposed."""
-    action, earlier = proposal.action.to_array(), session.casts_at(proposal.goal.value)
-    reason = _reason(action, [cast for cast in earlier if cast.number < proposal.number], proposal)
+    earlier = [
+        cast for cast in session.casts_at(proposal.goal.value) if cast.number < proposal.number
+    ]
+    reason = _reason(earlier, proposal)
     if session.sight is not None and session.sight.is_blind_at(proposal.goal.value):
         reason += BLIND_NOTE
     return reason
 
 
-def _reason(action: NDArray[np.float64], earlier: list[Cast], proposal: Proposal) -> str:
-    landed = [cast for cast in earlier if cast.landed]
+def _reason(earlier: list[Cast], proposal: Proposal) -> str:
     if not earlier:
         return f"first cast at this target, after {proposal.number} casts of this cable"
+    action = proposal.action
+    landed = [
+        (cast.try_number, cast.action.to_array())
+        for cast in earlier
+        if cast.landed and cast.action is not None and cast.action.family == action.family
+    ]
     if not landed:
-        return "another action, since the last one had no landing"
+        return "another action, since no cast like it has landed"
+    if isinstance(action, PolarCast):
+        number, last = landed[-1]
+        azimuth, x, y = action.to_array() - last
+        return (
+            f"try {number} with the azimuth {math.degrees(azimuth):+.1f} deg, the end of the pull "
+            f"{100 * x:+.1f} cm in x and {100 * y:+.1f} cm in y"
+        )
     units = np.array([57.3, 57.3, 100.0, 57.3, 100.0])
-    step = [float(np.linalg.norm((action - cast.action) * units)) for cast in landed]
-    nearest = landed[int(np.argmin(step))]
-    if min(step) > _OTHER_ACTION:
+    steps = [action.to_array() - values for _, values in landed]
+    sizes = [float(np.linalg.norm(step * units)) for step in steps]
+    nearest = int(np.argmin(sizes))
+    if sizes[nearest] > _OTHER_ACTION:
         return "another action, which is expected to land nearer than a correction of the last"
-    theta1, theta2, r2, psi, pace = action - nearest.action
+    theta1, theta2, r2, psi, pace = steps[nearest]
     return (
-        f"try {nearest.try_number} with theta1 {math.degrees(theta1):+.1f} deg, theta2 "
+        f"try {landed[nearest][0]} with theta1 {math.degrees(theta1):+.1f} deg, theta2 "
         f"{math.degrees(theta2):+.1f} deg, r2 {100 * r2:+.1f} cm, psi {math.degrees(psi):+.1f} deg"
         + (f", pace {pace:+.2f}" if round(pace, 2) else "")
     )
@@ -128,10 +146,10 @@ def change_text(cast: Cast, session: AimSession) -> str:
     # The simulators take a step only for a cast that follows.
     done = session.is_done(cast.target_xy)
     predictor = session.predictor if done else session.predictor_at(cast.target_xy)
-    xy, _, scatter = predictor.predict(cast.action)
-    moved = 100.0 * (xy[0] - cast.expected_xy)
+    xy, scatter = predictor.moved(cast)
+    moved = 100.0 * (xy - cast.expected_xy)
     text = (
         f"{note}the expected landing of this action moves by {moved[0]:+.1f} cm in x and "
-        f"{moved[1]:+.1f} cm in y; equal casts scatter by {100.0 * scatter[0]:.1f} cm"
+        f"{moved[1]:+.1f} cm in y; equal casts scatter by {100.0 * scatter:.1f} cm"
     )
     return f"{text}. {DRIFT_NOTE}" if session.drifted else text

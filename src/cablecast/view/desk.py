@@ -20,7 +20,8 @@ from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.motion.action import mirror_actions
+from cablecast.motion.action import mirror_to_right
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.trajectory import Trajectory
 from cablecast.report.words import change_text, stop_text
@@ -276,14 +277,17 @@ class Desk:
         return ShownCast.simulated(trajectory, self.setup, self.engine, self.dynamics)
 
     def _preview(self, session: AimSession, proposal: Proposal) -> Preview:
-        action = proposal.action.to_array()
-        rightward = action if action[1] > 0 else mirror_actions(action, -1)
+        table, action = self.setup.workspace, proposal.action.to_array()
+        margin = float(table.edge_distance(proposal.expected.mean))
+        if isinstance(proposal.action, Action):
+            rightward, _ = mirror_to_right(action[None])
+            margin = float(session.model.policy.model.predict_margin(rightward)[0])
         limits = check_grip_paths(proposal.trajectory.grip_path, self.setup)
         return Preview(
             proposal=proposal,
             cast=self.simulate(proposal.trajectory),
             limit_shares=np.asarray(limits.peaks[0, 1:] / limits.bounds[1:]),
-            margin=float(session.model.policy.model.predict_margin(rightward[None])[0]),
+            margin=margin,
         )
 
     def _rehearse(self, session: AimSession) -> None:

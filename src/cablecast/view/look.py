@@ -16,7 +16,6 @@ from cablecast.data.store import CastStore, dataset_cast
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import DamagedFileError, DatasetError, InputError, check_count
-from cablecast.motion.action import Action
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at, plan_trajectory
 from cablecast.pipeline.aim import FITS_FOLDER, SESSION_FOLDER
 from cablecast.pipeline.evaluate import CASTS_FOLDER
@@ -218,10 +217,9 @@ class Collection:
 
     def simulated(self, index: int, engine: Engine, dynamics: Dynamics) -> ShownCast:
         """Return a cast as it is simulated with the dynamics of a cable."""
-        action = self.dataset.actions[index]
-        if not np.all(np.isfinite(action)):
+        if (action := self.dataset.motion(index)) is None:
             raise InputError(f"no action describes the motion of cast {index}")
-        motion = plan_trajectory(Action.from_array(action), self.setup)
+        motion = plan_trajectory(action, self.setup)
         return ShownCast.simulated(motion, self.setup, engine, dynamics)
 
     def shot(self, index: int, engine: Engine) -> Shot:
@@ -234,7 +232,7 @@ class Collection:
             simulated = self.simulated(index, engine, self.fitted)
             return Shot(cast=simulated, target_xy=target_xy, caption=label, result=label)
         simulated, result = None, label
-        if np.all(np.isfinite(self.dataset.actions[index])):
+        if self.dataset.motion(index) is not None:
             simulated = self.simulated(index, engine, self.fitted)
         if target_xy is not None and self.dataset.status[index] == TrialStatus.OK.code:
             miss = float(LANDING.miss(self.dataset.endpoint_xy[index], target, self.setup))

@@ -18,7 +18,7 @@ from cablecast.cable import PARAMS, CableParams
 from cablecast.cast import Cast, EndpointTrack
 from cablecast.conventions import polar_to_xy
 from cablecast.errors import CablecastError, InputError
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.pipeline.aim import SESSION_FOLDER, prepare_aim
 from cablecast.report.words import refit_text

@@ -13,7 +13,7 @@ from tests.robot import ROBOT
 from cablecast.arm.robot import Obstacle
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import CablecastError, InputError, JointLimitError
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, plan_trajectory

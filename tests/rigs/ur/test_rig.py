@@ -17,7 +17,7 @@ from tests.rigs.ur.conftest import UR10E
 from cablecast.cast import TrialStatus
 from cablecast.data.record import collect_dataset
 from cablecast.errors import InputError, RigError
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.arm import APPROACH_SPEED, RigArm, check_reports, curve_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.arm.ur import ArmUR
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.rigs.virtual._hidden import HiddenArm

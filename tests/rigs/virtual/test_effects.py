@@ -9,7 +9,7 @@ import pytest
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import CABLE_NAMES, Attachment, load_cable
 from cablecast.errors import InputError
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.checked import RETRY_STRIDE
 from cablecast.rigs.virtual._hidden import (

@@ -7,7 +7,7 @@ import pytest
 
 from cablecast.arm.ur import ArmUR
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.sensing import CameraErrorModel

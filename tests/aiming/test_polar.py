@@ -1,0 +1,100 @@
+"""Polar casts err alike: one teaches the others, and they are chosen where sweeps are wild."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tests.aiming.formula_rig import SETUP, make_policy
+
+from cablecast.aiming.ensemble import EnsembleLandings
+from cablecast.aiming.polar import AMPLITUDES, SCATTER, PolarLandings
+from cablecast.aiming.predictor import Beliefs, LandingPredictor
+from cablecast.aiming.propose import propose
+from cablecast.aiming.residual import ResidualScales
+from cablecast.cast import Cast, EndpointTrack, TrialStatus
+from cablecast.conventions import polar_to_xy
+from cablecast.data.store import CastStore
+from cablecast.engines.dynamics import Dynamics
+from cablecast.engines.warp_ import EngineWarp
+from cablecast.motion.casting import Action
+from cablecast.motion.polar import PolarCast
+from cablecast.task import LANDING
+
+LENGTH = SETUP.cable.length
+FAR = polar_to_xy([1.25, 0.2])
+WILD = ResidualScales(amplitude=0.3, noise=0.3)
+"""Scales of sweeps that scatter by a third of the cable's length."""
+ASTRAY = 0.1
+"""Error of made-up casts across the cable [cable lengths]."""
+
+
+@pytest.fixture(scope="module")
+def landings():
+    engine = EngineWarp(12, 2e-3)
+    dynamics = Dynamics(params=SETUP.cable.params)
+    return PolarLandings.of(EnsembleLandings(SETUP, [dynamics], engine, dynamics, engine))
+
+
+def astray(landings, cast):
+    """Return a polar cast that landed beside where it was expected, with the landing."""
+    decay = landings._sizes(cast)[1] / AMPLITUDES[1]
+    xy = landings._simulated_xy(cast) + ASTRAY * decay * LENGTH * landings._axes(cast)[1]
+    track = EndpointTrack(times=np.zeros(1), endpoint_xy=xy[None], status=TrialStatus.OK)
+    return Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose="aim")
+
+
+def test_a_cast_is_aimed_so_that_it_is_expected_on_the_target(landings):
+    cast = landings.aimed_at(FAR)
+    expected = landings.expectation(cast)
+    assert np.linalg.norm(expected.mean - FAR) < 2e-3
+    assert landings.aimed_at(np.array([0.0, 0.4])) is None
+
+
+def test_one_cast_teaches_itself_and_its_neighbours(landings):
+    cast, other = landings.aimed_at(FAR), landings.aimed_at(polar_to_xy([1.2, 0.1]))
+    made = astray(landings, cast)
+    after = landings.with_casts([made])
+    assert np.linalg.norm(after.expectation(cast).mean - made.final_xy) < SCATTER * LENGTH
+    # The neighbour is expected to err by most of what this one did, on the same side.
+    real = astray(landings, other).final_xy
+    before_miss, after_miss = (
+        np.linalg.norm(one.expectation(other).mean - real) for one in (landings, after)
+    )
+    assert after_miss < 0.4 * before_miss
+    assert np.trace(after.expectation(other).covariance) < 0.5 * np.trace(
+        landings.expectation(other).covariance
+    )
+    corrected = after.aimed_at(FAR)
+    assert np.linalg.norm(after.expectation(corrected).mean - FAR) < 2e-3
+    assert corrected != cast
+
+
+def proposal_of(landings, scales):
+    """Return what is proposed for a far target where sweeps have some scales."""
+    beliefs = dataclasses.replace(Beliefs.of(make_policy()), scales=scales)
+    predictor = dataclasses.replace(LandingPredictor.of(beliefs), polar=landings)
+    return propose(predictor, LANDING.goals(SETUP, FAR)[0])
+
+
+def test_a_polar_cast_is_proposed_where_sweeps_are_wild_and_no_other(landings):
+    assert isinstance(proposal_of(None, WILD).action, Action)
+    assert isinstance(proposal_of(landings, ResidualScales(noise=0.005)).action, Action)
+    proposal = proposal_of(landings, WILD)
+    assert isinstance(proposal.action, PolarCast)
+    assert proposal.inside_coverage
+    assert proposal.expected_miss < 0.01
+    assert proposal.trajectory.action == proposal.action
+
+
+def test_a_polar_cast_is_kept_and_read_again(landings, tmp_path):
+    proposal = proposal_of(landings, WILD)
+    track = EndpointTrack(
+        times=np.zeros(1), endpoint_xy=proposal.goal.value[None], status=TrialStatus.OK
+    )
+    store = CastStore(SETUP, tmp_path)
+    store.add(Cast.of_motion(proposal.trajectory, track, "aim", proposal))
+    (kept,) = CastStore(SETUP, tmp_path).casts
+    assert kept.action == proposal.action == kept.proposal.action
+    assert np.isnan(kept.sweep).all()
+    assert store.sweeps == []
+    np.testing.assert_array_equal(kept.final_xy, proposal.goal.value)
