@@ -12,6 +12,7 @@ from cablecast.aiming.ensemble import LandingEstimate
 from cablecast.aiming.predictor import _NEAR_COUNT, Beliefs, LandingPredictor
 from cablecast.aiming.session import LOCAL_COUNT, FittedModel, casts_near
 from cablecast.data.record import collect_dataset
+from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.rigs.engine import RigEngine
@@ -158,7 +159,7 @@ def test_a_predictor_for_one_target_has_the_nearest_casts_as_old_as_they_are(les
     # Everything shifts after 40 casts, which is noticed as a drift.
     landings[40:] += 0.4 * LENGTH
     casts = [
-        dataclasses.replace(made_up_cast(xy), action=action)
+        dataclasses.replace(made_up_cast(xy), action=Action.from_array(action))
         for action, xy in zip(actions, landings, strict=True)
     ]
     # The farthest of all was aimed at the target, and missed it.
@@ -187,7 +188,7 @@ def test_a_session_that_is_opened_again_plans_as_it_would_have(tuned, slippery, 
         again.cast(slippery, again.propose(TARGET))
     # A motion that is simulated beside longer ones ends by other pieces: a micrometre apart.
     for one, other in zip(whole.casts, again.casts, strict=True):
-        np.testing.assert_allclose(one.action, other.action, rtol=0, atol=1e-4)
+        np.testing.assert_allclose(one.sweep, other.sweep, rtol=0, atol=1e-4)
     planned = [session.propose(TARGET) for session in (whole, again, whole.fork())]
     for proposal in planned[1:]:
         np.testing.assert_allclose(

@@ -179,7 +179,7 @@ def test_a_cast_without_a_landing_leads_to_another_action(policy):
     casts = result.casts[0]
     assert [cast.status.code for cast in casts] == ["occluded"] * 3
     assert np.isnan([cast.miss_pct for cast in casts]).all()
-    assert not np.allclose(casts[0].action, casts[1].action)
+    assert not np.allclose(casts[0].sweep, casts[1].sweep)
     assert "avoided" in change_text(casts[0], session)
 
 
@@ -305,11 +305,11 @@ def test_a_cast_that_was_taken_back_counts_for_nothing(policy, tmp_path):
         assert not session.is_done(TARGETS[0])
         with pytest.raises(InputError, match="no such cast"):
             session.undo(1)
-    expected = plain.predictor.predict(second.action)[0]
+    expected = plain.predictor.predict(second.sweep)[0]
     again = session_of(policy, tries=2, out=tmp_path / "undone")
     assert again.undone == {1}
     for kept in (session, again):
-        np.testing.assert_array_equal(kept.predictor.predict(second.action)[0], expected)
+        np.testing.assert_array_equal(kept.predictor.predict(second.sweep)[0], expected)
         assert len(kept.casts) == 2
     with pytest.raises(InputError, match="no such cast"):
         cc.AimSession(policy).undo()

@@ -203,7 +203,7 @@ def test_a_cast_after_a_landing_is_a_corrected_one(desk):
     first = desk.aim(TARGET)
     desk.cast(first)
     assert desk.cast(desk.correct()).try_number == 2
-    assert not np.array_equal(desk.tries[1].action, first.proposal.action.to_array())
+    assert not np.array_equal(desk.tries[1].sweep, first.proposal.action.to_array())
 
 
 def test_an_undone_try_teaches_nothing(desk, own):
@@ -261,7 +261,7 @@ def test_a_session_goes_on_where_it_was(open_desk, policy, tmp_path):
     again = open_desk(AimSession(policy, out=tmp_path / "session"))
     assert [again.is_undone(one) for one in again.tries] == [False, True]
     for before, after in zip(desk.tries, again.tries, strict=True):
-        assert np.array_equal(before.action, after.action)
+        assert before.action == after.action
         assert np.array_equal(ShownCast.of_cast(before).nodes, ShownCast.of_cast(after).nodes)
     expected = [one.aim(TARGET).proposal.expected.mean for one in (desk, again)]
     # The scales of the process are fitted anew in both, by a search with a tolerance.

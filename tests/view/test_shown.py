@@ -12,7 +12,7 @@ def track(endpoint_xy, nodes=None):
 
 
 def shown(seen):
-    cast = Cast(action=np.zeros(4), duration=1.0, joint_path=None, track=seen, purpose="aim")
+    cast = Cast(action=None, duration=1.0, joint_path=None, track=seen, purpose="aim")
     return ShownCast.of_cast(cast)
 
 

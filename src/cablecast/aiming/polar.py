@@ -43,6 +43,8 @@ up to 3 % where the gripper comes down straight ahead and hardly pulls."""
 # Steps of the aim point towards the one that is expected on the target, and the distance from it
 # at which they end [m].
 _STEPS, _CLOSE = 4, 0.002
+# Errors that the belief about their size is worth.
+_BELIEVED = 4.0
 
 _Array = NDArray[np.float64]
 
@@ -117,7 +119,7 @@ class PolarLandings:
             gains = np.array([inverse @ kernel for inverse in self._inverses])
             errors = sizes * np.sum(gains * self._errors.T, axis=1)
             mean = mean + length * errors @ axes
-            variance = np.maximum(variance - gains @ kernel, 0.0)
+            variance = self._scale**2 * np.maximum(variance - gains @ kernel, 0.0)
         covariance = length**2 * axes.T @ np.diag(sizes**2 * variance + SCATTER**2) @ axes
         return Expectation(
             mean=mean, covariance=covariance, law=law or MissLaw(), scatter=SCATTER * length
@@ -138,9 +140,15 @@ class PolarLandings:
         return np.stack([along, np.array([along[1], -along[0]])])
 
     def _sizes(self, cast: PolarCast) -> _Array:
-        """Return the standard deviations of the error on these axes [cable lengths], shape [2]."""
+        """Return the usual size of the error on these axes [cable lengths], shape [2]."""
         decay = np.exp(-self.reach.way(cast) / self.setup.cable.length)
         return AMPLITUDES * np.array([1.0, decay])
+
+    @functools.cached_property
+    def _scale(self) -> float:
+        """Size of the errors over the usual one [-]: a swing may not lay out a light cable."""
+        squares = np.sum(self._errors**2)
+        return float(np.sqrt((_BELIEVED + squares) / (_BELIEVED + self._errors.size)))
 
     @functools.cached_property
     def _actions(self) -> list[PolarCast]:
