@@ -57,6 +57,8 @@ def test_the_cable_of_a_lab_file_may_lie_beside_it(tmp_path):
         ("robot: {}\n", r"robot lacks the keys \['address', 'box_high', 'box_low', 'payload_cog'"),
         ("camera: 7\n", "camera must be a mapping"),
         ("arm: {model: ur7}\n", "unknown arm model 'ur7': one of ur3, ur3e, ur5"),
+        ("arm: {model: panda}\n", "for an arm of another maker give `file:` with its URDF"),
+        ("arm: {model: UR5e}\n", "unknown arm model 'UR5e': write ur5e"),
         ("arm: {base_height: high}\n", "arm base_height = 'high' is not a number"),
         ("arm: {measured: 1}\n", "must be true or false"),
         ("arm: {limits: {velocity: [1, 2]}}\n", "velocity limits .* must be 6 numbers"),
@@ -89,6 +91,9 @@ def test_a_cable_that_is_too_long_for_the_table_is_refused_with_the_bound():
     narrow = Workspace(table_width=1.1, table_depth=1.8, table_yaw_deg=90.0)
     with pytest.raises(InputError, match=r"with table_yaw_deg = 0 the table is 1\.8 m deep"):
         Setup(cable=long, workspace=narrow)
+    near = Workspace(reset_y=0.76)
+    with pytest.raises(InputError, match=r"leave reset_y out, or set it to 0\.54 m at most"):
+        Setup(cable=long, workspace=near)
     with pytest.raises(InputError, match=r"m long$"):
         Setup(cable=long, workspace=Workspace(table_width=1.2, table_depth=1.5))
     for deeper in (Workspace(table_depth=1.6), Workspace(table_yaw_deg=90.0)):

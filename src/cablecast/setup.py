@@ -146,8 +146,8 @@ class Setup:
             raise InputError(
                 f"after a reset the cable lies from y = {workspace.reset_y:g} to {end:g} m, beyond "
                 f"the table's edge: the table reaches from {workspace.y_min:g} to "
-                f"{workspace.y_max:g} m, so the cable may be at most "
-                f"{workspace.y_max - workspace.reset_y:g} m long{_turned_hint(workspace, end)}"
+                f"{workspace.y_max:g} m, so {_nearer_hint(workspace, cable)}the cable may be at "
+                f"most {workspace.y_max - workspace.reset_y:g} m long{_turned_hint(workspace, end)}"
             )
         if workspace.grip_height < cable.radius:
             raise InputError(
@@ -227,6 +227,14 @@ class Setup:
             robot=None if robot is None else RobotConfig.from_dict(robot),
             camera=None if camera is None else CameraSettings.from_dict(camera, folder),
         )
+
+
+def _nearer_hint(workspace: Workspace, cable: Cable) -> str:
+    """Return that the cable fits after a nearer reset; empty if it does not."""
+    farthest = math.floor(100 * (workspace.y_max - cable.length - _LYING_MARGIN)) / 100
+    if farthest < max(workspace.y_min, _RESET_NEAREST * workspace.r_max):
+        return ""
+    return f"leave reset_y out, or set it to {farthest:g} m at most; with this reset_y "
 
 
 def _turned_hint(workspace: Workspace, end: float) -> str:

@@ -157,6 +157,7 @@ BEFORE_THE_RIG = [
         ("--device", ("cuda",), "cuda"),
         ("--params", ("nowhere.json",), "nowhere.json"),
         ("--out", ("file",), "is a file"),
+        ("--out", ("file/below",), "file/below"),
         ("--out", ("foreign",), "thesis.tex"),
     ),
 ]
@@ -238,6 +239,45 @@ def test_a_target_that_no_believed_cable_reaches_is_a_miss_and_no_error(lab, cap
     assert "not cast at: " in printed
     assert "no target is within reach. No change that was tried helps" in printed
     assert lab.events == []
+
+
+@pytest.mark.parametrize(
+    ("rig", "words"),
+    [
+        ("virtual:6x", "unknown rig 'virtual:6x': one of virtual, virtual:LAB"),
+        ("engine:bulet", "one of warp, mujoco, pybullet"),
+        ("ur", "no robot section: --rig ur needs one"),
+        ("no_such_module:make", "no module 'no_such_module'"),
+        ("json:no_such_factory", "no factory 'no_such_factory'"),
+    ],
+)
+def test_a_rig_that_cannot_be_made_is_refused_before_anything_is_simulated(
+    rig, words, lab, capsys, monkeypatch
+):
+    def simulate(*_, **__):
+        raise AssertionError("it was simulated what casts reach")
+
+    monkeypatch.setattr("cablecast.pipeline.check.check", simulate)
+    assert words in refused(["aim", "--target", "1.05", "10", "--rig", rig], capsys)
+    assert not (lab.path / "runs").exists()
+
+
+def test_a_target_out_of_reach_says_which_number_comes_first(lab, capsys):
+    for target in (["105", "10"], ["10", "1.05"]):
+        line = refused(["aim", "--target", *target, *lab.rig], capsys)
+        assert "r must be at most 1.560 m (--target takes r first, in m, then theta in deg)" in line
+
+
+def test_a_small_tolerance_is_shown_in_millimetres(lab, monkeypatch):
+    nowhere = np.zeros((6, 1, 2))
+    found = LabCheck(setup=Setup(), landing_xy=nowhere, leaving_xy=nowhere)
+    monkeypatch.setattr("cablecast.pipeline.check.check", lambda *_, **__: found)
+    with pytest.warns(UserWarning, match="0.2 mm: for 3 % give --within-pct 3"):
+        main(["aim", "--target", "1.05", "10", "--within-pct", "0.03", *lab.rig])
+
+
+def test_an_unknown_verb_names_the_one_that_is_meant(capsys):
+    assert "unknown verb 'aims': did you mean aim?" in refused(["aims"], capsys)
 
 
 def test_casts_that_a_mode_does_not_use_are_refused(lab, capsys):

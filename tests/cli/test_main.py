@@ -102,7 +102,7 @@ def test_planning_imports_neither_torch_nor_an_engine(model_folder):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["no-such-verb"], ["simulate", "--count", "many"], ["plan", "--target", "1.0"]],
+    [["simulate", "--count", "many"], ["plan", "--target", "1.0"]],
     ids=" ".join,
 )
 def test_arguments_that_make_no_sense_exit_with_status_2(arguments, capsys):

@@ -100,7 +100,10 @@ def _menagerie(name: str) -> Any:
         return robot.spec(robot.default_model)
     except Exception as error:
         line = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"MuJoCo Menagerie does not give {name}: {line}") from None
+        raise InputError(
+            f"MuJoCo Menagerie, which is downloaded at first use, does not give {name}: {line}. "
+            "Without the internet, give `file:` with the arm's URDF or MJCF"
+        ) from None
 
 
 class _Stated(NamedTuple):

@@ -173,8 +173,11 @@ class ArmUR(Arm):
                 "its URDF file, see docs/lab.md"
             )
         if self.model not in LINKS:
+            plain = "".join(filter(str.isalnum, self.model)).lower()
+            meant = f"write {plain}" if plain in LINKS else f"one of {', '.join(ARM_MODELS)}"
             raise UnknownNameError(
-                f"unknown arm model {str(self.model)[:40]!r}: one of {', '.join(ARM_MODELS)}"
+                f"unknown arm model {self.model[:40]!r}: {meant}; for an arm of another maker give "
+                "`file:` with its URDF or MJCF, see docs/lab.md"
             )
         if self.limits == Arm.limits:
             object.__setattr__(self, "limits", ur_limits(self.model))

@@ -5,6 +5,7 @@ import math
 import os
 import pathlib
 import shlex
+import warnings
 from typing import TYPE_CHECKING, Annotated
 
 from cablecast.aiming.config import AimConfig
@@ -40,6 +41,9 @@ EXIT_MISSED = 3
 
 # From so many targets on, a table of medians says more than one of targets.
 _MANY_TARGETS = 12
+
+# A tolerance below this is rather meant as a part of the whole [% of cable length].
+_WITHIN_PCT_SMALL = 0.5
 
 # Settings that decide the model of a session, which the page needs as well.
 _MODEL_OPTIONS = {
@@ -109,6 +113,7 @@ class Aim(AimConfig, _Targets):
             prepare_aim,
             write_aim_report,
         )
+        from cablecast.rigs.make import check_rig
         from cablecast.runs.progress import ignore
         from cablecast.tuning.tuned import load_tuned
 
@@ -122,7 +127,10 @@ class Aim(AimConfig, _Targets):
         targets = paper_targets(setup) if self.paper_targets else self.targets(setup)
         # The paper's errors are those of all its targets.
         config = dataclasses.replace(AimConfig.of(self), force=self.force or self.paper_targets)
+        check_rig(self.rig, setup)
         check_aim(config, out)
+        if self.within_pct < _WITHIN_PCT_SMALL:
+            warnings.warn(_small_text(self.within_pct, setup), stacklevel=1)
         # While it is simulated which targets are within reach.
         compile_for_fits()
         # What is fitted to casts tells more than what is believed of the cable.
@@ -180,6 +188,15 @@ class Aim(AimConfig, _Targets):
         return 0 if result.hit.all() and not outside else EXIT_MISSED
 
 
+def _small_text(within_pct: float, setup: "Setup") -> str:
+    """Return what a small tolerance [% of cable length] says."""
+    return (
+        f"--within-pct {within_pct:g} is {within_pct:g} % of the cable's length, "
+        f"{10 * within_pct * setup.cable.length:.1f} mm: for "
+        f"{100 * within_pct:g} % give --within-pct {100 * within_pct:g}"
+    )
+
+
 def _view_command(options: Aim) -> str:
     """Return the command that opens the page on the casts and the model of a session."""
     same = {name: getattr(options, name) for name in ("rig", "setup", "cable", "out")}
@@ -189,7 +206,7 @@ def _view_command(options: Aim) -> str:
         if field.name in _MODEL_OPTIONS and (value := getattr(options, field.name)) != field.default
     }
     given = "".join(
-        f" --{name.replace('_', '-')} {shlex.quote(str(value))}"
+        f" --{name.replace('_', '-')}" + f" {shlex.quote(str(value))}" * (value is not True)
         for name, value in same.items()
         if value is not None
     )

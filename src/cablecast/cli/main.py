@@ -1,6 +1,7 @@
 """Entry point of the command line: choice of the verb, and its exit status."""
 
 import contextlib
+import difflib
 import inspect
 import os
 import re
@@ -37,7 +38,7 @@ from cablecast.cli.train import Train
 from cablecast.cli.tune import Tune
 from cablecast.cli.twin import Twin
 from cablecast.cli.view import View
-from cablecast.errors import CablecastError
+from cablecast.errors import CablecastError, UnknownNameError
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -163,6 +164,10 @@ def _run(arguments: list[str]) -> int:
         print(f"cablecast {cablecast.__version__}")
         return 0
     chosen = arguments[0] if arguments else ""
+    if chosen not in VERBS and chosen[:1] not in ("", "-"):
+        near = difflib.get_close_matches(chosen, VERBS, n=1)
+        meant = f"did you mean {near[0]}? The verbs are" if near else "the verbs are"
+        raise UnknownNameError(f"unknown verb {chosen[:40]!r}: {meant} {', '.join(VERBS)}")
     try:
         with contextlib.redirect_stdout(WrappedStream(sys.stdout)):
             command = tyro.cli(

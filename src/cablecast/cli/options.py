@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cablecast.engines import EngineName
-from cablecast.errors import InputError, check_number
+from cablecast.errors import InputError, TargetError, check_number
 from cablecast.runs.places import find_input
 
 if TYPE_CHECKING:
@@ -79,7 +79,12 @@ class TargetOptions:
 
         from cablecast.task import LANDING
 
-        found = [LANDING.values(setup, r=r, theta_deg=theta) for r, theta in self.target]
+        try:
+            found = [LANDING.values(setup, r=r, theta_deg=theta) for r, theta in self.target]
+        except TargetError as error:
+            raise TargetError(
+                f"{error} (--target takes r first, in m, then theta in deg)"
+            ) from None
         found += [LANDING.values(setup, xy) for xy in self.target_xy]
         if most is not None and len(found) > most:
             raise InputError(f"{len(found)} targets are given: it takes {most}")
@@ -92,7 +97,6 @@ def paper_targets(setup: "Setup") -> "NDArray[np.float64]":
     Raises:
         TargetError: One is out of reach or off the table; says what to give instead.
     """
-    from cablecast.errors import TargetError
     from cablecast.task import LANDING
     from cablecast.workspace import load_targets
 

@@ -7,6 +7,7 @@ import math
 import os
 import pathlib
 import re
+import tempfile
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -53,6 +54,7 @@ from cablecast.runs.folder import (
     METRICS_FILE,
     Parts,
     RunFolder,
+    hold_folder,
     plain_settings,
     run_facts,
     settings_differences,
@@ -130,9 +132,15 @@ class AimResult:
 
 
 def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
-    """Raise the errors of aiming with a report that are known before its rig is connected."""
-    _check_machine(config, "matplotlib", "jinja2")
+    """Raise the errors of aiming with a report that are known before its rig is connected.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
     _check_folder(pathlib.Path(folder))
+    with hold_folder(pathlib.Path(folder), InputError), tempfile.TemporaryFile(dir=folder):
+        pass
+    _check_machine(config, "matplotlib", "jinja2")
 
 
 def _check_folder(path: pathlib.Path) -> None:

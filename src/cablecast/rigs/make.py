@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from cablecast.arm.robot import DRIVERS
+from cablecast.engines import make_engine
 from cablecast.errors import RigError, check_seed
 from cablecast.rigs.base import Rig, foreign_code
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig, missing_parts, takes
@@ -57,6 +58,23 @@ def make_rig(
     return CheckedRig(rig, setup, time_limit=time_limit)
 
 
+def check_rig(spec: str, setup: Setup) -> None:
+    """Raise the errors of a rig's name that are known before the rig is made; see `make_rig`."""
+    if spec in DRIVERS:
+        from cablecast.rigs.driver import make_driver
+
+        make_driver(setup, spec)
+    elif _is_engine(spec):
+        make_engine(spec.partition(":")[2] or "warp")
+    elif not _LABORATORY.fullmatch(spec):
+        with _working_directory_importable():
+            _named_factory(spec)
+
+
+def _is_engine(spec: str) -> bool:
+    return spec == "engine" or spec.startswith("engine:")
+
+
 def _make(spec: Any, setup: Setup, seed: int) -> Rig:
     """Return the rig itself, or what `CheckedRig` refuses as none."""
     laboratory = _LABORATORY.fullmatch(spec) if isinstance(spec, str) else None
@@ -64,8 +82,7 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
         return RigVirtual(setup, seed, VirtualConfig(lab_seed=int(laboratory[1] or 0)))
-    if spec == "engine" or (isinstance(spec, str) and spec.startswith("engine:")):
-        from cablecast.engines import make_engine
+    if isinstance(spec, str) and _is_engine(spec):
         from cablecast.rigs.engine import RigEngine
 
         return RigEngine(make_engine(spec.partition(":")[2] or "warp"), setup)
@@ -74,12 +91,8 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
 
         return RigArm(setup, driver=spec)
     if isinstance(spec, str):
-        module_name, colon, factory_name = spec.partition(":")
-        if not (colon and module_name and factory_name) or module_name == "virtual":
-            names = ", ".join(RIG_NAMES)
-            raise RigError(f"unknown rig {spec[:80]!r}: one of {names}, or package.module:factory")
         with _working_directory_importable():
-            return _from_factory(_find_factory(module_name, factory_name), spec, setup, seed)
+            return _from_factory(_named_factory(spec), spec, setup, seed)
     if missing_parts(spec) and callable(spec):
         name = getattr(spec, "__qualname__", type(spec).__name__)
         return _from_factory(spec, name, setup, seed)
@@ -101,8 +114,12 @@ def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: in
     return rig
 
 
-def _find_factory(module_name: str, factory_name: str) -> Callable[..., Any]:
-    """Return a factory by the names of its module and of itself."""
+def _named_factory(spec: str) -> Callable[..., Any]:
+    """Return the factory of a name such as package.module:factory."""
+    module_name, _, factory_name = spec.partition(":")
+    if not (module_name and factory_name) or module_name == "virtual":
+        names = ", ".join(RIG_NAMES)
+        raise RigError(f"unknown rig {spec[:80]!r}: one of {names}, or package.module:factory")
     with foreign_code(f"rig module {module_name} cannot be imported"):
         try:
             module = importlib.import_module(module_name)
