@@ -236,7 +236,7 @@ def test_a_target_that_no_believed_cable_reaches_is_a_miss_and_no_error(lab, cap
     monkeypatch.setattr("cablecast.pipeline.check.check", lambda *_, **__: found)
     assert main(["aim", "--target", "1.05", "10", *lab.rig]) == 3
     printed = capsys.readouterr().out
-    assert "not cast at: " in printed
+    assert "out of reach: " in printed
     assert "no target is within reach. No change that was tried helps" in printed
     assert lab.events == []
 

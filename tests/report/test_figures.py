@@ -1,4 +1,3 @@
-import dataclasses
 import types
 
 import numpy as np
@@ -16,7 +15,6 @@ from cablecast.report.maps import (
     ellipse_map,
     landing_map,
     track_panels,
-    tries_map,
 )
 from cablecast.report.style import png_bytes, svg_uri
 from cablecast.setup import Setup
@@ -211,19 +209,3 @@ def test_the_learning_curve_is_drawn_in_percent_of_cable_length():
 def test_the_same_evaluation_gives_the_same_picture_twice(make_evaluation):
     pictures = {svg_uri(target_errors(make_evaluation())) for _ in range(2)}
     assert len(pictures) == 1
-
-
-@pytest.mark.parametrize(("count", "label"), [(3, "try"), (32, "miss [% of cable length]")])
-def test_a_few_targets_show_the_miss_of_each_try_and_many_the_share_within_one(
-    make_evaluation, count, label
-):
-    whole = make_evaluation()
-    # Each cast is one more try at one of the first targets.
-    tried = dataclasses.replace(
-        whole, target_xy=whole.target_xy[:count], target_index=np.arange(32) // -(-32 // count)
-    )
-    curves = tries_map(tried).axes[1]
-    assert curves.get_xlabel() == label
-    if count == 3:
-        misses = np.concatenate([line.get_ydata() for line in curves.lines])
-        np.testing.assert_allclose(misses, tried.errors_pct)

@@ -3,6 +3,7 @@ import html.parser
 import json
 import re
 
+import numpy as np
 import pytest
 
 from cablecast.cable import load_cable
@@ -145,10 +146,25 @@ def test_the_page_names_all_casts_that_the_model_learned_from(make_evaluation, c
 
 
 @pytest.mark.usefixtures("blank_figures")
-def test_without_cable_shapes_the_page_has_no_player(make_evaluation):
-    page = page_of(make_evaluation(with_nodes=False))
-    assert 'id="player"' not in page
-    assert 'id="casts"' not in page
+def test_without_cable_shapes_the_player_has_the_grip_and_the_free_end(make_evaluation):
+    evaluation = make_evaluation(with_nodes=False)
+    page = page_of(evaluation)
+    data = re.search(r'<script type="application/json" id="casts">(.*?)</script>', page, re.S)
+    first = json.loads(data.group(1))["casts"][0]
+    assert not first["is_seen"]
+    ends = np.reshape(first["nodes_mm"][-1], (2, 2))
+    grip = evaluation.motions[0].grip_path.evaluate([evaluation.motions[0].duration])[0, 0, :2]
+    path = evaluation.casts[0].track.endpoint_xy
+    np.testing.assert_allclose(ends, 1000 * np.stack([grip, path[-1]]), atol=0.5)
+
+
+@pytest.mark.usefixtures("blank_figures")
+def test_the_page_says_why_the_papers_figures_are_not_beside_ours(make_evaluation):
+    evaluation = make_evaluation(lost=())
+    moved = dataclasses.replace(evaluation, target_xy=evaluation.target_xy + 0.01)
+    page = page_of(moved)
+    assert "The paper's figures are of other targets." in page
+    assert "counted as misses" not in page
 
 
 def test_a_page_without_any_landing_shows_dashes_instead_of_numbers(make_evaluation):

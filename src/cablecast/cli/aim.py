@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from cablecast.aiming.session import AimSession, RefitDue, Stop
     from cablecast.cast import Cast, Proposal
     from cablecast.pipeline.aim import AimResult
+    from cablecast.report.aim_page import Beyond
     from cablecast.setup import Setup
 
 EXIT_MISSED = 3
@@ -135,7 +136,7 @@ class Aim(AimConfig, _Targets):
         compile_for_fits()
         # What is fitted to casts tells more than what is believed of the cable.
         known_fit = self.params is not None or (out / SESSION_FOLDER).exists()
-        targets, outside = _within_reach(setup, targets, force=config.force or known_fit)
+        targets, beyond = _within_reach(setup, targets, force=config.force or known_fit)
         if not len(targets):
             return EXIT_MISSED
         casts = None if self.casts is None else read_dataset(self.casts)
@@ -169,15 +170,17 @@ class Aim(AimConfig, _Targets):
                 progress=ignore,
             )
             made = any(result.casts)
-            evaluation = write_aim_report(result, rig, out / REPORT_FOLDER) if made else None
+            evaluation = None
+            if made:
+                evaluation = write_aim_report(result, rig, out / REPORT_FOLDER, beyond)
         if len(targets) < _MANY_TARGETS:
-            print_result(result, len(outside))
+            print_result(result, len(beyond))
         else:
-            print_tries(result, len(outside))
+            print_tries(result, len(beyond))
         if self.paper_targets and evaluation is not None:
             print_table(evaluation.metrics, published_rows(name))
-        for line in outside:
-            print(line)
+        for xy, why in beyond:
+            print(_beyond_line(xy, why))
         print(f"folder    {out}")
         if evaluation is not None:
             print(f"picture   {out / REPORT_FOLDER / TRIES_FILE}")
@@ -185,7 +188,7 @@ class Aim(AimConfig, _Targets):
         print(f"next      {_view_command(self)}")
         print("          shows these casts and makes more; the same command with another --target")
         print("          goes on with all that they tell of the cable")
-        return 0 if result.hit.all() and not outside else EXIT_MISSED
+        return 0 if result.hit.all() and not beyond else EXIT_MISSED
 
 
 def _small_text(within_pct: float, setup: "Setup") -> str:
@@ -215,27 +218,29 @@ def _view_command(options: Aim) -> str:
 
 def _within_reach(
     setup: "Setup", targets: "NDArray[np.float64]", *, force: bool
-) -> "tuple[NDArray[np.float64], list[str]]":
-    """Return the targets to cast at, and a line for each that no believed cable reaches."""
+) -> "tuple[NDArray[np.float64], list[Beyond]]":
+    """Return the targets to cast at, and the others, which no believed cable reaches."""
+    import numpy as np
+
     from cablecast.cli.progress import console_progress
     from cablecast.pipeline.check import check, remedy
 
     if force:
         return targets, []
     found = check(setup, changes=False)
-    beyond = [found.is_out_of_reach(target) for target in targets]
-    lines = [
-        f"{polar_text(target)}: not cast at: {found.words_at(target)} (--force casts all the same)"
-        for target, is_beyond in zip(targets, beyond, strict=True)
-        if is_beyond
-    ]
-    for line in lines:
-        print(line, flush=True)
-    if all(beyond):
+    is_beyond = [found.is_out_of_reach(target) for target in targets]
+    beyond = [(target, found.words_at(target)) for target in targets[is_beyond]]
+    for xy, why in beyond:
+        print(_beyond_line(xy, why), flush=True)
+    if all(is_beyond):
         with console_progress() as progress:
             changes = check(setup, progress=progress).changes
         print(f"no target is within reach. {remedy(changes)}")
-    return targets[[not is_beyond for is_beyond in beyond]], lines
+    return targets[np.logical_not(is_beyond)], beyond
+
+
+def _beyond_line(xy: "NDArray[np.float64]", why: str) -> str:
+    return f"{polar_text(xy)}: out of reach: {why} (--force casts all the same)"
 
 
 def refit_and_say(session: "AimSession", due: "RefitDue") -> None:
@@ -299,10 +304,10 @@ def print_cast(cast: "Cast", session: "AimSession") -> None:
     print(f"  then    {change_text(cast, session)}")
 
 
-def print_result(result: "AimResult", outside: int = 0) -> None:
+def print_result(result: "AimResult", beyond_count: int = 0) -> None:
     """Print one line per target, and how many were hit of these and of others out of reach."""
     from cablecast.conventions import xy_to_polar
-    from cablecast.report.words import stop_text
+    from cablecast.report.words import stop_text, verdict_text
 
     tries = max((len(casts) for casts in result.casts), default=0)
     heads = ("target", *(str(number) for number in range(1, tries + 1)))
@@ -323,15 +328,15 @@ def print_result(result: "AimResult", outside: int = 0) -> None:
         table.add_row(place, *cells, style=style)
         if stop:
             stopped.append(f"{place}: {_stop_words(len(casts))}: {stop_text(stop)}")
-    count = len(result.casts) + outside
-    tables.print_table(table, f"{int(result.hit.sum())} of {count} targets were hit.")
+    tables.print_table(table, f"{verdict_text(result.casts, beyond_count)}.")
     for line in stopped:
         print(line)
 
 
-def print_tries(result: "AimResult", outside: int = 0) -> None:
+def print_tries(result: "AimResult", beyond_count: int = 0) -> None:
     """Print the errors after each try, and how many targets were hit; some are out of reach."""
     from cablecast.report.tables import pct
+    from cablecast.report.words import verdict_text
 
     title = "Miss after each try, in % of cable length; no landing is a miss"
     table = tables.make_table(title, "try", "median", "q1", "q3", "without landing")
@@ -342,6 +347,5 @@ def print_tries(result: "AimResult", outside: int = 0) -> None:
     count = len(result.session.casts)
     tables.print_table(
         table,
-        f"{int(result.hit.sum())} of {len(result.casts) + outside} targets were hit; {count} casts "
-        "in all.",
+        f"{verdict_text(result.casts, beyond_count)}. {count} casts in all.",
     )

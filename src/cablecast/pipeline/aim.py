@@ -9,7 +9,7 @@ import pathlib
 import re
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,9 +45,8 @@ from cablecast.pipeline.places import require
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.pipeline.train import train
 from cablecast.pipeline.tune import tune
-from cablecast.report.maps import tries_map
-from cablecast.report.page import report_page
-from cablecast.report.style import png_bytes, svg_uri
+from cablecast.report.aim_page import Beyond, Tried, aim_page
+from cablecast.report.style import png_bytes
 from cablecast.report.words import refit_text
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.folder import (
@@ -550,12 +549,21 @@ def _evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
 
 
 def write_aim_report(
-    result: AimResult, rig: CheckedRig, folder: str | os.PathLike[str]
+    result: AimResult,
+    rig: CheckedRig,
+    folder: str | os.PathLike[str],
+    beyond: Sequence[Beyond] = (),
 ) -> Evaluation:
-    """Write metrics, casts, the map of the tries, and the report of the last tries.
+    """Write metrics, casts, the map of the tries, and the report.
 
     An earlier report in the folder is overwritten. The last cast at each target is returned, with
     metrics; `tries` among these has one row per try.
+
+    Args:
+        result: Result of `aim`.
+        rig: Rig of the casts.
+        folder: Folder to write to.
+        beyond: Further targets that were asked for and are out of reach, with the reason of each.
 
     Raises:
         MissingExtraError: A library that draws is missing.
@@ -563,19 +571,20 @@ def write_aim_report(
     require("the report of aim", "matplotlib", "jinja2")
     folder, session = pathlib.Path(folder), result.session
     every = _evaluation(result, rig)
-    counts = np.array([len(casts) for casts in result.casts])
-    last = every.rows((np.cumsum(counts) - 1)[counts > 0])
+    tried = Tried(session=session, every=every, stops=result.stops, beyond=beyond)
+    last = tried.last
     metrics = evaluation_metrics(last) | {
         "tries": result.try_rows,
         "cast_count": len(session.casts),
         "targets": result.target_xy.tolist(),
+        "hit": result.hit.tolist(),
+        "out_of_reach": [xy.tolist() for xy, _ in beyond],
     }
     last = dataclasses.replace(last, metrics=metrics)
-    policy = session.model.policy
     settings = {
         **session.setup.to_settings(),
         "rig": dict(rig.description),
-        "policy": policy.info,
+        "policy": session.model.policy.info,
         **dataclasses.asdict(session.config),
     }
     run = RunFolder(
@@ -584,15 +593,7 @@ def write_aim_report(
     )
     with run.locked(replaces=True):
         save_trials(every, folder / TRIALS_FILE)
-        figure = tries_map(every)
-        write_bytes(folder / TRIES_FILE, png_bytes(figure))
-        page = report_page(
-            last,
-            policy.model.info,
-            run.config,
-            simulated_xy=policy.predicted_xy,
-            tries=svg_uri(figure),
-        )
-        write_text(folder / REPORT_FILE, page)
+        write_bytes(folder / TRIES_FILE, png_bytes(tried.map()))
+        write_text(folder / REPORT_FILE, aim_page(tried, run.config))
         run.finish(metrics)
     return last

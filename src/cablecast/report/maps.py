@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cast import TrialStatus
-from cablecast.conventions import mirror_xy, xy_to_polar
+from cablecast.conventions import mirror_xy
 from cablecast.evaluation.evaluate import Evaluation
 from cablecast.evaluation.repeatability import Repeatability, confidence_ellipse
 from cablecast.learning.policy import COVERAGE_PCT
 from cablecast.report.style import (
     BLUE,
-    FAINT,
     GREEN,
     INK,
     MUTED,
@@ -24,15 +23,13 @@ from cablecast.report.style import (
     annotate,
     color_scale,
     draw_color_bar,
-    draw_grid,
     draw_half_circle,
-    draw_workspace,
     legend_strip,
-    new_figure,
     styled,
     workspace_panels,
     workspace_view,
 )
+from cablecast.report.words import place_text
 from cablecast.setup import Setup
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.workspace import Workspace
@@ -45,7 +42,6 @@ _DASHED: Any = (0, (3, 1.6))
 _DOTTED: Any = (0, (1, 2))
 # Neighbouring targets must differ; the palette goes round.
 _COLORS = (BLUE, VERMILLION, GREEN, PURPLE, SKY)
-_FEW_TARGETS = 8
 
 
 @styled()
@@ -144,61 +140,6 @@ def _reach_panel(setup: Setup) -> tuple["Figure", "Axes"]:
     annotate(axes, f" reach of the arm,\n {arm:.2f} m", foot, (0, 3), ha="left", **style)
     annotate(axes, "robot base", (0.0, 0.0), (20, -5), color=INK, fontsize=8, ha="left", va="top")
     return figure, axes
-
-
-@styled()
-def tries_map(evaluation: Evaluation) -> "Figure":
-    """Draw every try (`repeat`) at every target on the table, and how far each missed.
-
-    Many targets are summed up: what share of them was within a distance after each try.
-    """
-    workspace = evaluation.setup.workspace
-    view = workspace_view(workspace)
-    heights = (view.height(PAGE_WIDTH), 2.6)
-    figure = new_figure(PAGE_WIDTH, sum(heights))
-    table, curves = figure.subplots(2, height_ratios=heights)
-    draw_workspace(table, workspace, view)
-    few = len(evaluation.target_xy) <= _FEW_TARGETS
-    for index, target in enumerate(evaluation.target_xy):
-        rows = evaluation.target_index == index
-        own, paint = evaluation.landed_xy[rows], _COLORS[index % len(_COLORS)] if few else BLUE
-        landed = own[np.isfinite(own).all(axis=1)]
-        table.plot(*landed.T, "-", color=paint, linewidth=0.9, zorder=3)
-        for number, xy in enumerate(landed):
-            color = paint if number == len(landed) - 1 else FAINT
-            table.plot(*xy, "o", color=color, markeredgecolor=paint, markersize=4.5, zorder=4)
-        if few:
-            r, theta = xy_to_polar(target)
-            label = f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg"
-            misses = evaluation.errors_pct[rows]
-            curves.plot(1 + evaluation.repeat[rows], misses, "o-", color=paint, label=label)
-        rim = INK if len(landed) == len(own) else VERMILLION
-        table.plot(*target, "o", markersize=9, color="none", markeredgecolor=rim, zorder=3.5)
-    if not few:
-        _draw_try_curves(curves, evaluation)
-    else:
-        curves.set(xlabel="try", ylabel="miss [% of cable length]", ylim=(0, None))
-        curves.xaxis.get_major_locator().set_params(integer=True)
-    draw_grid(curves)
-    curves.legend(loc="upper right" if few else "lower right", fontsize=8)
-    return figure
-
-
-def _draw_try_curves(axes: "Axes", evaluation: Evaluation) -> None:
-    """Draw the share of targets that were within a distance after each try."""
-    count = len(evaluation.target_xy)
-    last = np.full(count, np.inf)
-    errors = np.nan_to_num(evaluation.errors_pct, nan=np.inf)
-    repeat = evaluation.repeat
-    tries = 1 + int(repeat.max())
-    scale = color_scale("viridis", 0.85, 0.1, max(tries - 1, 1))
-    for number in range(tries):
-        last[evaluation.target_index[repeat == number]] = errors[repeat == number]
-        known = np.sort(last[np.isfinite(last)])
-        share = 100.0 * np.arange(1, len(known) + 1) / count
-        label = "first try" if number == 0 else f"try {number + 1}, or the last one before it"
-        axes.step(known, share, where="post", label=label, color=scale.to_rgba(number))
-    axes.set(xlabel="miss [% of cable length]", ylabel="targets [%]", ylim=(0, 102), xlim=(0, 30))
 
 
 @styled()
@@ -424,7 +365,11 @@ def cast_frames(evaluation: Evaluation, trial_indices: Sequence[int]) -> "Figure
     casts = [evaluation.casts[index] for index in trial_indices]
     workspace = evaluation.setup.workspace
     options: dict[str, Any] = {"columns": 2, "below": 0.5, "ticks": False}
-    view = workspace_view(workspace)
+    # The cable may hang over the sides of a narrow table.
+    shapes = [cast.track.nodes for cast in casts if cast.track.nodes is not None]
+    beside = max((float(np.nanmax(np.abs(nodes[..., 0]))) for nodes in shapes), default=0.0)
+    side = max(beside, workspace.half_width) + 0.05
+    view = workspace_view(workspace, left=-side, right=side)
     figure, panels = workspace_panels(workspace, view, len(casts), **options)
     # From pale to dark: the last shape, which is the result, stands out.
     end = max(float(cast.track.times[-1]) for cast in casts)
@@ -434,7 +379,10 @@ def cast_frames(evaluation: Evaluation, trial_indices: Sequence[int]) -> "Figure
         landed = cast.status is TrialStatus.OK
         result = f"error {evaluation.errors_pct[index]:.1f} %"
         result = result if landed else cast.status.code.replace("_", " ")
-        axes.set_title(f"target {evaluation.target_index[index]}: {result}")
+        name = f"target {evaluation.target_index[index]}"
+        if cast.proposal is not None:
+            name = f"{place_text(cast.target_xy)}, try {cast.try_number}"
+        axes.set_title(f"{name}: {result}")
     label = "time since the motion started [s]"
     options = {"orientation": "horizontal", "shrink": 0.35, "aspect": 40, "pad": 0.02}
     draw_color_bar(figure, figure.axes, scale, label, **options)

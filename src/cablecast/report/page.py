@@ -1,6 +1,6 @@
 """The report of an evaluation: one HTML file with its casts, errors and settings."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import cablecast
 from cablecast.cast import TrialStatus
 from cablecast.evaluation.evaluate import ErrorSummary, Evaluation, summarise_errors, trial_rows
-from cablecast.evaluation.published import published_rows
+from cablecast.evaluation.published import PublishedRow, published_rows
 from cablecast.report.curves import error_boxes, learning_curves, target_errors
 from cablecast.report.maps import cast_frames, chosen_casts, landing_map
 from cablecast.report.style import svg_uri
@@ -22,6 +22,8 @@ from cablecast.report.tables import (
     paper_rows,
     pct,
 )
+from cablecast.report.tries import REGION_SHARE
+from cablecast.report.words import place_text
 from cablecast.workspace import load_targets
 
 SettingsLists = list[tuple[str, list[tuple[str, str]]]]
@@ -57,21 +59,15 @@ def report_page(
     config: Mapping[str, Any],
     *,
     simulated_xy: NDArray[np.float64] | None = None,
-    tries: str = "",
 ) -> str:
     """Return the whole page, figures inside; it refers to no other file and no other host.
 
     Simulated landings are those of `landing_map`. The model has `curve`, `metrics` and `dataset`,
-    and is empty without one. `tries` is a map of several tries at each target as a data URI, if
-    there were several.
+    and is empty without one.
     """
     model = model_info.get("metrics", {})
-    kind = evaluation.rig.get("rig", "")
-    rig = kind or config["settings"].get("rig")
-    rig_name = _RIG_NAMES.get(rig, rig) if isinstance(rig, str) else "rig"
-    # The paper's errors are those of its own targets.
-    is_paper = np.array_equal(evaluation.target_xy, load_targets())
-    published = published_rows(evaluation.cable.name) if is_paper else ()
+    kind, rig_name = rig_names(evaluation, config)
+    published = paper_figures(evaluation)
     ours = [
         (f"{rig_name}, all targets", evaluation.summary),
         (f"{rig_name}, targets in coverage", evaluation.summary_inside_coverage),
@@ -83,8 +79,6 @@ def report_page(
         "targets": svg_uri(target_errors(evaluation)),
         "casts": svg_uri(cast_frames(evaluation, chosen)) if chosen else "",
     }
-    if tries:
-        figures["tries"] = tries
     if curve := model_info.get("curve"):
         figures["learning"] = svg_uri(learning_curves([("", curve)], evaluation.cable.length))
     dataset_settings = model_info.get("dataset", {}).get("settings", {})
@@ -100,12 +94,14 @@ def report_page(
         statuses=[(s, count) for s, count in evaluation.status_counts.items() if count],
         ok_count=evaluation.status_counts[TrialStatus.OK],
         published=bool(published),
-        errors=_error_table(evaluation, rig_name, paper_rows(published)),
+        known_cable=bool(published_rows(evaluation.cable.name)),
+        errors=error_table(evaluation, rig_name, published),
         parts=_part_table(evaluation),
         model=model,
         learned_from=_sources(model),
         figures=figures,
-        player=_player_data(evaluation),
+        # Further casts at a target repeat the first one.
+        player=player_data(evaluation.rows(np.flatnonzero(evaluation.repeat == 0))),
         trials=trial_rows(evaluation),
         settings=[
             ("Evaluation", flatten_settings(config["settings"])),
@@ -115,6 +111,19 @@ def report_page(
         ],
         pct=pct,
     )
+
+
+def rig_names(evaluation: Evaluation, config: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the kind of the rig, empty for one of another's, and its name for a reader."""
+    kind = evaluation.rig.get("rig", "")
+    rig = kind or config["settings"].get("rig")
+    return kind, _RIG_NAMES.get(rig, rig) if isinstance(rig, str) else "rig"
+
+
+def paper_figures(evaluation: Evaluation) -> Sequence[PublishedRow]:
+    """Return the paper's errors of the cable; none for other targets than its own."""
+    is_paper = np.array_equal(evaluation.target_xy, load_targets())
+    return published_rows(evaluation.cable.name) if is_paper else ()
 
 
 def _sources(model: Mapping[str, Any]) -> str:
@@ -128,16 +137,20 @@ def _summary_row(name: str, summary: ErrorSummary, kind: str = "") -> Row:
     return Row((name, str(summary.count), *five_cells(summary.to_dict())), kind)
 
 
-def _error_table(evaluation: Evaluation, rig_name: str, paper: list[Row]) -> Table:
+def error_table(
+    evaluation: Evaluation, rig_name: str, published: Sequence[PublishedRow] = ()
+) -> Table:
+    """Return the errors of an evaluation above those of the paper."""
     inside = f"the {np.sum(evaluation.inside_coverage)} targets inside the simulated coverage"
-    missed = "all targets, casts without a landing counted as misses"
-    rows = (
+    lost = len(evaluation.casts) - evaluation.status_counts[TrialStatus.OK]
+    rows = [
         _summary_row(f"{rig_name}: all targets", evaluation.summary, "ours"),
         _summary_row(f"{rig_name}: {inside}", evaluation.summary_inside_coverage),
-        _summary_row(f"{rig_name}: {missed}", evaluation.summary_misses_counted),
-        *paper,
-    )
-    return Table(title="", heads=("", "casts", *FIVE_HEADS), rows=rows)
+    ]
+    if lost:
+        missed = f"all targets, {lost} casts without a landing counted as misses"
+        rows.append(_summary_row(f"{rig_name}: {missed}", evaluation.summary_misses_counted))
+    return Table(title="", heads=("", "casts", *FIVE_HEADS), rows=(*rows, *paper_rows(published)))
 
 
 def _part_table(evaluation: Evaluation) -> Table:
@@ -152,29 +165,39 @@ def _part_table(evaluation: Evaluation) -> Table:
     return Table(title="", heads=heads, rows=rows)
 
 
-def _player_data(evaluation: Evaluation) -> dict[str, Any]:
-    """Return the first cast at each target for the player, lengths in whole millimetres.
+def player_data(evaluation: Evaluation) -> dict[str, Any]:
+    """Return every cast for the player, lengths in whole millimetres.
 
-    Casts whose rig does not see the cable's shape are left out.
+    A cast whose rig does not see the cable's shape has the grip and the free end alone.
     """
     casts = []
-    errors_pct, aimed_xy, repeat = evaluation.errors_pct, evaluation.aimed_xy, evaluation.repeat
     for row, cast in enumerate(evaluation.casts):
-        nodes = cast.track.nodes
-        if repeat[row] or nodes is None:
-            continue
+        track, goal = cast.track, cast.goal
+        nodes = track.nodes
+        if nodes is None:
+            path = evaluation.motions[row].grip_path
+            grip = path.evaluate(np.minimum(track.times, float(path.duration[0])))[0, :, :2]
+            nodes = np.stack([grip, track.endpoint_xy], axis=1)
         shapes = np.round(1000.0 * nodes[..., :2])
         finite = np.isfinite(shapes).all(axis=(1, 2))
-        casts.append(
-            {
-                "target": int(evaluation.target_index[row]),
-                "target_mm": _millimetres(aimed_xy[row]),
-                "error": pct(errors_pct[row]),
-                "status": cast.status.code.replace("_", " "),
-                "times": [round(float(time), 3) for time in cast.track.times[finite]],
-                "nodes_mm": shapes[finite].reshape(int(finite.sum()), -1).astype(int).tolist(),
-            }
-        )
+        name = f"target {evaluation.target_index[row]}"
+        if goal is not None:
+            name = f"{place_text(goal.value)}, try {cast.try_number}"
+        result = f"{evaluation.errors_pct[row]:.1f} % off"
+        result = result if cast.landed else cast.status.code.replace("_", " ")
+        one: dict[str, Any] = {
+            "label": f"{name}: {'hit, ' * cast.hit}{result}",
+            "target_mm": _millimetres(evaluation.aimed_xy[row]),
+            "is_seen": track.nodes is not None,
+            "times": [round(float(time), 3) for time in track.times[finite]],
+            "nodes_mm": shapes[finite].reshape(int(finite.sum()), -1).astype(int).tolist(),
+        }
+        if cast.proposal is not None and goal is not None:
+            outline = cast.proposal.expected.ellipse(REGION_SHARE).outline()
+            one["region_mm"] = np.round(1000.0 * outline).astype(int).ravel().tolist()
+            one["within_mm"] = round(10.0 * goal.within_pct * evaluation.cable.length)
+        if finite.any():
+            casts.append(one)
     table = evaluation.setup.workspace
     corners = [(-table.half_width, table.y_min), (table.half_width, table.y_max)]
     return {"table_mm": [_millimetres(corner) for corner in corners], "casts": casts}

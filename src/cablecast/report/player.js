@@ -1,4 +1,4 @@
-// Plays one cast, seen from above. Shapes are 0.1 s apart; between them each node follows a cubic
+// Plays one cast, or all one after another, seen from above. Shapes are 0.1 s apart; between them each node follows a cubic
 // curve, so that the eye sees the whip and not its samples.
 (() => {
   const data = JSON.parse(document.getElementById("casts").textContent);
@@ -6,7 +6,7 @@
   const canvas = box.querySelector("canvas");
   const pen = canvas.getContext("2d");
   const choice = box.querySelector("select");
-  const button = box.querySelector("button");
+  const [button, every] = box.querySelectorAll("button");
   const slider = box.querySelector("input[type=range]");
   const slow = box.querySelector("input[type=checkbox]");
   const clock = box.querySelector("output");
@@ -16,12 +16,10 @@
   const scale = Math.min(canvas.width / (right - left + 200), canvas.height / (top - bottom));
   const X = (x) => canvas.width / 2 + scale * x;
   const Y = (y) => canvas.height / 2 - scale * (y - (bottom + top) / 2);
-  let cast = data.casts[0], time = 0, playing = false, before = 0;
+  let cast = data.casts[0], time = 0, playing = false, all = false, rest = 0, before = 0;
 
-  data.casts.forEach((one, index) => {
-    const result = one.status === "ok" ? one.error + " %" : one.status;
-    choice.add(new Option(one.target + ": " + result, index));
-  });
+  data.casts.forEach((one, index) => choice.add(new Option(one.label, index)));
+  every.hidden = data.casts.length < 2;
 
   function halfMetres(low, high) {
     const found = [];
@@ -77,9 +75,11 @@
     line(grip, "#1f2933", 2.5, [3, 6]);
     line(trail, "#9aa5b1", 2);
     const [tx, ty] = cast.target_mm;
-    dot(tx, ty, 26, null, "#d55e00");
+    if (cast.region_mm) line(cast.region_mm, "#009e73", 2.5);
+    dot(tx, ty, cast.within_mm ? cast.within_mm * scale : 26, null, "#d55e00");
     dot(tx, ty, 5, "#d55e00");
-    line(now, "#0072b2", 7);
+    // Of a rig that does not see the cable's shape, its ends alone are known.
+    if (cast.is_seen) line(now, "#0072b2", 7);
     dot(now[0], now[1], 9, "#1f2933");
     dot(now[end], now[end + 1], 10, "#0072b2", "#ffffff");
     clock.textContent = time.toFixed(2) + " s";
@@ -89,9 +89,12 @@
   function tick(stamp) {
     if (!playing) return;
     const end = cast.times[cast.times.length - 1];
-    time = Math.min(end, time + (stamp - before) / (slow.checked ? 4000 : 1000));
+    const passed = (stamp - before) / (slow.checked ? 4000 : 1000);
     before = stamp;
-    if (time >= end) play(false);
+    if (time < end) time = Math.min(end, time + passed);
+    else if (all && rest < 1.2) rest += passed;
+    else if (all && cast !== data.casts[data.casts.length - 1]) choose(data.casts.indexOf(cast) + 1);
+    else play(false);
     draw();
     requestAnimationFrame(tick);
   }
@@ -106,8 +109,15 @@
     }
   }
 
-  button.onclick = () => play(!playing);
-  choice.onchange = () => { cast = data.casts[Number(choice.value)]; time = 0; draw(); play(true); };
+  function choose(index) {
+    cast = data.casts[index];
+    choice.value = String(index);
+    time = rest = 0;
+  }
+
+  button.onclick = () => { all = false; play(!playing); };
+  every.onclick = () => { all = true; choose(0); play(true); };
+  choice.onchange = () => { all = false; choose(Number(choice.value)); draw(); play(true); };
   slider.oninput = () => {
     play(false);
     time = Number(slider.value) / 1000 * cast.times[cast.times.length - 1];

@@ -1,6 +1,7 @@
 """Words about casts: why one is proposed, and what follows from its landing."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,28 @@ def place_text(xy: NDArray[np.float64]) -> str:
     """Return a place on the table [m], shape [2], in polar coordinates."""
     r, theta = xy_to_polar(xy)
     return f"{r:.2f} m, {math.degrees(theta):.0f}°"
+
+
+def verdict_text(tries: Sequence[Sequence[Cast]], beyond_count: int = 0) -> str:
+    """Return how many targets were hit, and what became of the others.
+
+    >>> verdict_text([[], []], 1)
+    '0 of 3 targets were hit; 2 were not cast at, 1 is out of reach'
+
+    Args:
+        tries: Casts at each target.
+        beyond_count: Number of further targets that are out of reach.
+    """
+    hit = sum(any(cast.hit for cast in casts) for casts in tries)
+    uncast = sum(not casts for casts in tries)
+    others = (
+        (len(tries) - hit - uncast, "was missed", "were missed"),
+        (uncast, "was not cast at", "were not cast at"),
+        (beyond_count, "is out of reach", "are out of reach"),
+    )
+    text = f"{hit} of {len(tries) + beyond_count} targets were hit"
+    words = [f"{count} {one if count == 1 else many}" for count, one, many in others if count]
+    return text + "; " * bool(words) + ", ".join(words)
 
 
 def region_text(proposal: Proposal, share: float) -> str:
