@@ -8,5 +8,5 @@ with cc.make_rig("virtual", setup, seed=0) as rig:
     tuned = cc.tune(casts)
     policy = cc.train(cc.simulate(setup, tuned, count=4000), epochs=30)
     plan = policy.plan(r=1.10, theta_deg=16.7)
-    print(plan.actions, plan.predicted_xy)
+    print(plan)
     print(cc.evaluate(policy, rig).summary)

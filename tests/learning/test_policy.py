@@ -96,6 +96,15 @@ def test_every_policy_checks_its_targets(policy, asked, words):
         policy.plan(**asked)
 
 
+def test_a_printed_plan_has_a_line_for_each_target_with_names_and_units():
+    first, second = str(some_plan()).splitlines()
+    assert first == (
+        "target r = 0.985 m, theta = 24.0 deg: theta1 = -34.4 deg, theta2 = 28.6 deg, "
+        "r2 = 0.550 m, psi = 45.8 deg, pace = 1.00; lands at r = 0.985 m, theta = 24.0 deg"
+    )
+    assert second.startswith("target r = 0.985 m, theta = -24.0 deg: ")
+
+
 def test_what_a_plan_does_not_know_is_nan():
     plan = some_plan()
     assert np.isnan(plan.sensitivity).all()

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -252,6 +253,20 @@ def test_actions_of_one_pace_are_a_grid_and_those_of_a_range_are_drawn_from_all_
     assert 1.0 < paces.max() <= high
     again = feasible_actions(300, SETUP, feasible_ranges(SETUP, pace=pace), seed=3)
     np.testing.assert_array_equal(actions, again)
+
+
+@pytest.mark.parametrize("pace", [(1.0, 1.0), (0.3, 1.1)])
+def test_motions_are_found_with_reports_up_to_the_last_and_kept_for_the_next_call(pace):
+    reports = []
+    find = functools.partial(
+        feasible_actions, 290, SETUP, feasible_ranges(SETUP, pace=pace), seed=9
+    )
+    first = find(progress=reports.append)
+    assert reports[-1].done == reports[-1].total
+    assert len(reports) > 1
+    reports.clear()
+    np.testing.assert_array_equal(find(progress=reports.append), first)
+    assert reports == []
 
 
 def test_a_feasible_grid_fills_up_where_many_actions_are_rejected():

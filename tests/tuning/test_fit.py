@@ -80,6 +80,8 @@ def test_a_bound_in_the_way_is_widened(cable, few, others, truth, engine):
     assert len({one.total for one in told}) == 1
     assert [one.done for one in told] == sorted(one.done for one in told)
     assert told[-1].done == told[-1].total
+    # Nor is there effort beyond that which was planned, with what was widened.
+    assert [one.seconds_left > 0 for one in told] == [True] * (len(told) - 1) + [False]
     high = SearchSpace.for_cable(believed).high[CableParams.names().index("bend_stiffness")]
     assert result.params.bend_stiffness > high
 

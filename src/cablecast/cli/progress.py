@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from cablecast.cli.streams import drain
-from cablecast.runs.progress import Pace, Progress, ProgressCallback
+from cablecast.runs.progress import Pace, Progress, ProgressCallback, duration_text
 
 # A log gets a line for the first and the last unit, and at most one in this time between [s].
 _LINE_EVERY = 2.0
@@ -30,11 +30,9 @@ def console_progress() -> Iterator[ProgressCallback]:
         rich.MofNCompleteColumn(table_column=Column(no_wrap=True)),
         rich.TextColumn("{task.fields[note]}", markup=False),
         rich.TimeElapsedColumn(),
-        rich.TextColumn("left"),
-        rich.TimeRemainingColumn(),
+        rich.TextColumn("{task.fields[left]}", markup=False),
     )
-    # A trial on a robot takes 20 s: the speed must be taken over more than the last half minute.
-    with rich.Progress(*columns, console=console, speed_estimate_period=600.0) as bars:
+    with rich.Progress(*columns, console=console) as bars:
         yield _Bars(bars).show
 
 
@@ -53,13 +51,15 @@ class _Bars:
             return
         starts = self._pace.starts(progress)
         if progress.task not in self._tasks:
-            self._tasks[progress.task] = self._bars.add_task(progress.task, note="")
+            self._tasks[progress.task] = self._bars.add_task(progress.task, note="", left="")
         elif starts:
             self._bars.reset(self._tasks[progress.task])
         note = " ".join(text for text in (progress.unit, progress.note) if text)
-        self._bars.update(
-            self._tasks[progress.task], completed=progress.done, total=progress.total, note=note
-        )
+        seconds = None if progress.done == progress.total else self._pace.seconds_left(progress)
+        left = "" if seconds is None else f"about {duration_text(seconds)} left"
+        done, total = progress.done, progress.total
+        task = self._tasks[progress.task]
+        self._bars.update(task, completed=done, total=total, note=note, left=left)
 
 
 class _Lines:

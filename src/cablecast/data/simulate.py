@@ -98,7 +98,7 @@ def simulate_dataset(
     }
     path = pathlib.Path(path)
     # To choose the actions takes seconds, which a finished dataset need not spend.
-    chosen = functools.partial(feasible_actions, count, setup, ranges, seed)
+    chosen = functools.partial(feasible_actions, count, setup, ranges, seed, progress)
     digest = _known_digest(path, settings) or actions_digest(chosen())
     writer = DatasetWriter(
         path,

@@ -16,7 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.conventions import mirror_xy, side_of
+from cablecast.conventions import mirror_xy, side_of, xy_to_polar
 from cablecast.errors import (
     CablecastError,
     CheckpointError,
@@ -44,6 +44,7 @@ from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import check_actions, feasible_actions
 from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
+from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Landing, Task
 
@@ -98,6 +99,20 @@ class Plan:
     def __len__(self) -> int:
         return len(self.target_xy)
 
+    def __str__(self) -> str:
+        rows = []
+        for target, action, landing in zip(
+            self.target_xy, self.actions, self.predicted_xy, strict=True
+        ):
+            theta1, theta2, r2, psi, pace = action
+            angles = np.degrees([theta1, theta2, psi])
+            motion = "a motion without an action"
+            if np.all(np.isfinite(action)):
+                motion = "theta1 = {:.1f} deg, theta2 = {:.1f} deg, ".format(*angles)
+                motion += f"r2 = {r2:.3f} m, psi = {angles[2]:.1f} deg, pace = {pace:.2f}"
+            rows.append(f"target {_place(target)}: {motion}; lands at {_place(landing)}")
+        return "\n".join(rows)
+
     @property
     def miss_pct(self) -> NDArray[np.float64]:
         """Distances from the predicted landings to the targets [% of cable length]."""
@@ -115,6 +130,11 @@ class Plan:
         return tuple(
             plan_trajectory(Action.from_array(action), self.setup) for action in self.actions
         )
+
+
+def _place(xy: NDArray[np.float64]) -> str:
+    r, theta = xy_to_polar(xy)
+    return f"r = {r:.3f} m, theta = {np.degrees(theta):.1f} deg"
 
 
 @runtime_checkable
@@ -376,6 +396,7 @@ class ForwardSearchPolicy:
         *,
         ranges: ActionRanges | None = None,
         table_margin: float = TABLE_MARGIN,
+        progress: ProgressCallback = ignore,
     ) -> "ForwardSearchPolicy":
         """Choose candidates and predict their landings.
 
@@ -386,12 +407,13 @@ class ForwardSearchPolicy:
             ranges: Ranges of the actions; those of the model's casts if None.
             table_margin: Distance that the free end must keep within the table's edges [m];
                 candidates predicted to come nearer are left out.
+            progress: Told how many candidates are found.
 
         Raises:
             InputError: No candidate stays on the table.
         """
         ranges = model.action_ranges if ranges is None else ranges
-        actions = feasible_actions(candidate_count, model.setup, ranges, seed)
+        actions = feasible_actions(candidate_count, model.setup, ranges, seed, progress)
         return cls.from_candidates(actions, model, table_margin, {"seed": seed})
 
     @classmethod

@@ -5,7 +5,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from cablecast.motion.action import (
 )
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import DEGREE, GripPath
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 
 LIMIT_SHARE = 0.98
@@ -169,7 +170,13 @@ def check_grip_paths(
     )
 
 
-def check_actions(actions: ArrayLike, setup: Setup, *, both_sides: bool = True) -> Feasibility:
+def check_actions(
+    actions: ArrayLike,
+    setup: Setup,
+    *,
+    both_sides: bool = True,
+    progress: ProgressCallback = ignore,
+) -> Feasibility:
     """Check casting motions against all that limits the arm: what it cannot do is not chosen.
 
     These are its reach and its joints, the table's near edge, and the box of its robot.
@@ -179,6 +186,7 @@ def check_actions(actions: ArrayLike, setup: Setup, *, both_sides: bool = True) 
         setup: Arm and its limits, workspace, motion settings and robot.
         both_sides: Whether the mirror image of an action must be feasible too, so that it serves
             targets on either side.
+        progress: Told how many are checked.
 
     Raises:
         ActionError: An action is not a casting motion; see `check_action_values`.
@@ -188,6 +196,8 @@ def check_actions(actions: ArrayLike, setup: Setup, *, both_sides: bool = True) 
     for start in range(0, len(actions), _CHUNK):
         grip_path = cast_grip_paths(actions[start : start + _CHUNK], setup)
         chunks.append(check_grip_paths(grip_path, setup, casting=True, both_sides=both_sides))
+        done, total = start + len(grip_path), len(actions)
+        progress(Progress(task="Motions checked against the arm", done=done, total=total))
     return Feasibility(
         bounds=chunks[0].bounds,
         joint_names=setup.arm.joint_names,
@@ -305,7 +315,11 @@ def feasible_of_grid(counts: Sequence[int], setup: Setup) -> NDArray[np.float64]
 
 
 def feasible_grid(
-    count: int, setup: Setup, ranges: ActionRanges | None = None, seed: int = 0
+    count: int,
+    setup: Setup,
+    ranges: ActionRanges | None = None,
+    seed: int = 0,
+    progress: ProgressCallback = ignore,
 ) -> NDArray[np.float64]:
     """Return feasible actions from a grid, all with theta1 < 0 < theta2 <= psi.
 
@@ -318,6 +332,7 @@ def feasible_grid(
         setup: Arm, workspace and motion settings.
         ranges: Ranges of the grid; `feasible_ranges` if None.
         seed: Seed for the random choice.
+        progress: Told how many motions of the grid are checked.
 
     Returns:
         Actions in grid order, shape [count, 5].
@@ -328,12 +343,12 @@ def feasible_grid(
     check_count("count", count, high=ACTION_COUNT_MAX)
     check_seed(seed)
     ranges = ranges or feasible_ranges(setup)
-    return _find_grid(count, setup, ranges, seed).copy()
+    return _kept(_find_grid, count, setup, ranges, seed, progress)
 
 
-# All policies of a set-up have the same candidates, which take seconds to find.
-@functools.lru_cache(maxsize=4)
-def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDArray[np.float64]:
+def _find_grid(
+    count: int, setup: Setup, ranges: ActionRanges, seed: int, progress: ProgressCallback
+) -> NDArray[np.float64]:
     probe = check_actions(grid_actions(ranges, (7, 7, 7, 3, _pace_count(ranges))), setup)
     share = float(np.mean(probe.mask))
     if share == 0.0:
@@ -341,7 +356,7 @@ def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDA
     size = count / share
     while True:
         grid = grid_actions(ranges, _grid_counts(ranges, size))
-        actions = grid[check_actions(grid, setup).mask]
+        actions = grid[check_actions(grid, setup, progress=progress).mask]
         if len(actions) >= count:
             break
         size = max(1.02 * size * count / max(len(actions), 1), len(grid) + 1.0)
@@ -350,25 +365,50 @@ def _find_grid(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDA
 
 
 def feasible_actions(
-    count: int, setup: Setup, ranges: ActionRanges, seed: int = 0
+    count: int,
+    setup: Setup,
+    ranges: ActionRanges,
+    seed: int = 0,
+    progress: ProgressCallback = ignore,
 ) -> NDArray[np.float64]:
     """Return actions that cover ranges: a grid, as in the paper, or drawn where the pace varies.
 
     A grid of five variables has few values of each.
     """
     if _pace_count(ranges) == 1:
-        return feasible_grid(count, setup, ranges, seed)
-    return _find_uniform(count, setup, ranges, seed).copy()
+        return feasible_grid(count, setup, ranges, seed, progress)
+    return _kept(feasible_uniform, count, setup, ranges, seed, progress)
 
 
-# All policies of a set-up have the same candidates, which take seconds to find.
-@functools.lru_cache(maxsize=4)
-def _find_uniform(count: int, setup: Setup, ranges: ActionRanges, seed: int) -> NDArray[np.float64]:
-    return feasible_uniform(count, setup, ranges, seed)
+# All policies of a set-up have the same candidates, which take seconds to find: by what finds them,
+# and what it is given.
+_found: dict[Any, NDArray[np.float64]] = {}
+_FOUND_MAX = 8
+
+
+def _kept(
+    find: Callable[..., NDArray[np.float64]],
+    count: int,
+    setup: Setup,
+    ranges: ActionRanges,
+    seed: int,
+    progress: ProgressCallback,
+) -> NDArray[np.float64]:
+    """Return the actions that a function finds, and keep them for the next call."""
+    key = find.__name__, count, setup, ranges, seed
+    if (actions := _found.get(key)) is None:
+        actions = _found[key] = find(count, setup, ranges, seed, progress)
+        for oldest in list(_found)[:-_FOUND_MAX]:
+            _found.pop(oldest, None)
+    return actions.copy()
 
 
 def feasible_uniform(
-    count: int, setup: Setup, ranges: ActionRanges | None = None, seed: int = 0
+    count: int,
+    setup: Setup,
+    ranges: ActionRanges | None = None,
+    seed: int = 0,
+    progress: ProgressCallback = ignore,
 ) -> NDArray[np.float64]:
     """Return feasible actions drawn uniformly from the ranges (section V-C).
 
@@ -380,6 +420,7 @@ def feasible_uniform(
         setup: Arm, workspace and motion settings.
         ranges: Ranges to draw from; `feasible_ranges` if None.
         seed: Seed for the draws.
+        progress: Told how many are found.
 
     Returns:
         Actions in drawing order, shape [count, 5].
@@ -393,7 +434,10 @@ def feasible_uniform(
         actions = uniform_actions(ranges, _UNIFORM_DRAWS, rng)
         feasible = actions[check_actions(actions, setup).mask]
         chosen = np.concatenate([chosen, feasible])
-        if len(chosen) >= count:
+        done = min(len(chosen), count)
+        found = Progress(task="Motions that the arm can follow", done=done, total=count)
+        progress(found)
+        if done == count:
             return chosen[:count]
         if draw >= _UNIFORM_EMPTY_MAX and not len(chosen):
             break

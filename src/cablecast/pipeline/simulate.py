@@ -63,7 +63,7 @@ def simulate(
     check_workers(workers)
     tuned = Tuned.of(tuned, setup)
     simulator = make_engine(engine, segment_count, dt, device)
-    progress(Progress(task=f"Choosing {count} motions that the arm can make"))
+    progress(Progress(task=f"Choosing {count} motions that the arm can follow"))
     with folder_or_temporary(out) as folder:
         dataset = simulate_dataset(
             folder,

@@ -137,9 +137,10 @@ def train(
             return ForwardSearchPolicy.load(folder)
         with run.locked():
             model = trained()
-            progress(Progress(task=f"Predicting {candidate_count} candidate motions"))
+            task = f"Choosing {candidate_count} candidates that the arm can follow"
+            progress(Progress(task=task))
             policy = ForwardSearchPolicy.build(
-                model, candidate_count, seed, ranges=model.action_ranges
+                model, candidate_count, seed, ranges=model.action_ranges, progress=progress
             )
             if out is not None:
                 policy.save(folder)

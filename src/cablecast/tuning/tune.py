@@ -6,6 +6,7 @@ widened, and an ensemble. `tune_params` is the paper's Differential Evolution.
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -195,6 +196,26 @@ def tune_params(
 # Part of the steps of a fit, and the share of its starting points that go on from there.
 _GO_ON = ((1 / 2, 1 / 2), (3 / 4, 1 / 3))
 
+# Processor time of a step for each of its points, over that of a coarse one with a material, as
+# measured; without one it takes a third. A batch of one point, as an ensemble has, is slow.
+_EFFORTS = {COARSE: 1.0, FINE: 2.2, ENSEMBLE: 3.0}
+_PLAIN_EFFORT = 1 / 3
+
+
+def _point_counts(count: int, iterations: int) -> Iterator[int]:
+    """Yield the number of points of each step of a fit."""
+    points = count
+    for done in range(iterations):
+        yield points
+        for part, share in _GO_ON:
+            if done + 1 == math.ceil(part * iterations):
+                points = math.ceil(share * count)
+
+
+def _effort(stage: str, space: SearchSpace) -> float:
+    has_material = space.dimension > len(PAPER_PARAMS)
+    return _EFFORTS[stage] * (1.0 if has_material else _PLAIN_EFFORT)
+
 
 class _Log:
     """History of a search or a fit, whose steps it reports, and its simulations by stage."""
@@ -205,7 +226,15 @@ class _Log:
         self.counts = {COARSE: 0, FINE: 0, ENSEMBLE: 0}
         self.history: list[tuple[str, float, float]] = []
         self.skipped = 0
+        # Effort of the steps taken, and of all that are planned; none is planned for a search.
+        self.effort, self.planned = 0.0, 0.0
         self.begin("")
+
+    def plan(self, stage: str, space: SearchSpace, count: int, iterations: int) -> int:
+        """Count the effort of a fit from some points, and return how many of these are left."""
+        counts = list(_point_counts(count, iterations))
+        self.planned += _effort(stage, space) * sum(counts)
+        return counts[-1]
 
     def begin(self, name: str) -> None:
         """Begin a search or a fit with a name, whose losses are not compared with earlier ones."""
@@ -226,8 +255,16 @@ class _Log:
                 total=self.total,
                 unit="steps",
                 note=f"{self.name}{stage}: {share:.1f} % off",
+                seconds_left=self._seconds_left,
             )
         )
+
+    @property
+    def _seconds_left(self) -> float | None:
+        """Expected time of the steps to come [s]; None where they are not planned."""
+        if not (self.planned and self.effort):
+            return None
+        return self.stored.seconds / self.effort * max(self.planned - self.effort, 0.0)
 
     def run_fit(self, stage: str, fit: TrackFit, state: FitState, iterations: int) -> FitState:
         """Take some steps of a fit from several points, of which fewer and fewer go on.
@@ -236,7 +273,9 @@ class _Log:
         the best third. The misfit is renewed once after the first half of the steps.
         """
         length, count = self.cable.length, len(state.points)
+        effort = _effort(stage, fit.space)
         for done in range(iterations):
+            self.effort += effort * len(state.points)
             state, is_new = self._step(stage, fit, state)
             if done == iterations // 2:
                 state = fit.rescaled(state)
@@ -316,6 +355,11 @@ def fit_params(
     steps = config.coarse_iterations + (1 + WIDEN_MAX) * config.fine_iterations
     total = len(spaces) * steps + MEMBER_COUNT * config.ensemble_iterations
     log = _Log(cable, progress, total, stored)
+    for space in spaces:
+        left = log.plan(COARSE, space, config.start_count, config.coarse_iterations)
+        log.plan(FINE, space, min(left, config.fine_start_count), config.fine_iterations)
+    for _ in range(MEMBER_COUNT if config.ensemble_iterations else 0):
+        log.plan(ENSEMBLE, spaces[-1], 1, config.ensemble_iterations)
     fits = []
     for number, space in enumerate(spaces, start=1):
         log.begin(f"fit {number} of {len(spaces)}, ")
@@ -403,6 +447,7 @@ def _fit_in(
             log.skipped += (WIDEN_MAX - attempt) * config.fine_iterations
             break
         points = state.best(config.fine_start_count).points.copy()
+        log.plan(FINE, wider, len(points), config.fine_iterations)
         ten = len(PAPER_PARAMS)
         points[:, :ten] = wider.to_unit(space.to_params(points))[:, :ten]
         space = wider
