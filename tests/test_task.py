@@ -256,3 +256,17 @@ def test_a_wild_cast_says_no_more_of_calm_ones_than_a_bound():
 def test_a_probability_out_of_bounds_is_named(probability):
     with pytest.raises(InputError, match="probability"):
         MissLaw().square(probability)
+
+
+# Of 1,536 points in the plane.
+SHARE_ERROR = 0.02
+
+
+def test_the_distance_that_a_share_of_casts_is_within_belongs_to_the_chance_of_a_hit():
+    (goal,) = LANDING.goals(SETUP, [0.3, 1.1], within_pct=8.0)
+    covariance = np.array([[4e-4, 1e-4], [1e-4, 9e-4]])
+    expected = Expectation(mean=goal.value + 0.03, covariance=covariance, scatter=0.01, failure=0.2)
+    for share in (0.2, 0.5, 0.9):
+        distance = expected.miss_within(goal, share)
+        within = dataclasses.replace(goal, within_pct=100.0 * distance)
+        assert expected.hit_chance(within) / 0.8 == pytest.approx(share, abs=SHARE_ERROR)

@@ -390,6 +390,17 @@ class Expectation:
 
     def hit_chance(self, goal: Goal) -> float:
         """Return the probability that the cast hits a goal [-]."""
+        return (1.0 - self.failure) * float(np.mean(goal.hit(self._points())))
+
+    def miss_within(self, goal: Goal, share: float) -> float:
+        """Return the distance from a goal that a share of the outcomes [-] is within.
+
+        It is in cable lengths. Casts without an outcome are left out.
+        """
+        return float(np.quantile(goal.miss(self._points()), share))
+
+    def _points(self) -> Array:
+        """Return equally likely outcomes, shape [point, k]."""
         # Points of equal probability: shells that halve equal shares, turned against each other.
         share = (np.arange(_SHELLS) + 0.5) / _SHELLS
         radius = np.sqrt([self.law.square(float(value), self.dimension) for value in share])
@@ -398,5 +409,4 @@ class Expectation:
         else:
             directions = _directions(self.dimension, _DIRECTIONS * self.dimension)
             unit = (radius[:, None, None] * directions).reshape(-1, self.dimension)
-        points = self.mean + unit @ np.linalg.cholesky(self.spread).T
-        return (1.0 - self.failure) * float(np.mean(goal.hit(points)))
+        return self.mean + unit @ np.linalg.cholesky(self.spread).T

@@ -13,17 +13,19 @@ def test_a_plan_and_its_cast_are_stated_in_the_units_of_a_person(desk, own):
     preview = desk.aim(TARGET)
     plan = plan_text(preview, desk)
     assert "| target | 1.188 m, 14.6°, try 1 |" in plan
-    axes = 200 * preview.proposal.expected.ellipse(0.9).semi_axes
-    assert f"| 90 % land | in {axes[0]:.0f} by {axes[1]:.0f} cm (" in plan
+    proposal = preview.proposal
+    most = 100 * desk.setup.cable.length * proposal.expected.miss_within(proposal.goal, 0.9)
+    assert f"| nine of ten | within {most:.1f} cm (" in plan
+    assert f"| chance of a hit | {100 * proposal.hit_chance:.0f} % |" in plan
     assert f"{preview.proposal.trajectory.duration:.2f} s" in plan
     desk.cast(desk.preview)
     miss = np.linalg.norm(own.offset)
     miss_pct = 100 * miss / desk.setup.cable.length
     assert f"| 1 | 1.19 m, 15° | {100 * miss:.1f} cm ({miss_pct:.1f} %) |" in tries_text(desk)
     landing = plan_text(preview, desk)
-    assert f"| landed | {100 * miss:.1f} cm ({miss_pct:.1f} %) beside it |" in landing
+    assert f"| missed by | {100 * miss:.1f} cm ({miss_pct:.1f} %) |" in landing
     # What was expected is said of the landing, not of the target that it missed.
-    assert f"| expected | {100 * miss:.1f} cm" in landing
+    assert f"| error of the forecast | {100 * miss:.1f} cm" in landing
     assert f"Landed: {100 * miss:.1f} cm ({miss_pct:.1f} %)" in status_text(desk, IDLE)
     desk.undo()
     assert f"~~{100 * miss:.1f} cm ({miss_pct:.1f} %)~~" in tries_text(desk)

@@ -63,6 +63,10 @@ _UNLIKELY, _NEARER = 0.1, 0.75
 STUCK_COUNT = 3
 """Casts in a row that come no nearer to a goal, after which no other is made at it."""
 
+# Two misses by more than this [cable lengths], the second at least this share of the first, and in
+# one direction, by the least cosine of the angle between them, were not changed by a correction.
+_FAR, _NO_LESS, _ONE_WAY = 0.1, 0.75, 0.9
+
 # Growth of the number of casts after which the scales of the process are fitted anew.
 _SCALE_GROWTH = 1.3
 
@@ -74,6 +78,8 @@ class StopReason(enum.Enum):
     """The last casts at the goal came no nearer."""
     UNLIKELY = enum.auto()
     """It is unlikely to hit, and expected to come little nearer than others."""
+    IN_VAIN = enum.auto()
+    """It is unlikely to hit, and corrections did not change where casts miss."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -352,8 +358,9 @@ class AimSession:
 
         It is not if the last three casts at the goal came no nearer than those before; if two have
         been made there, and this one is unlikely to hit and expected to come little nearer than
-        the nearest of them, the scatter of equal casts included; or if none has landed and this
-        one is expected far off. `AimConfig.force` makes it all the same.
+        the nearest of them, the scatter of equal casts included; if it is unlikely to hit and the
+        last two missed far in one direction; or if none has landed and this one is expected far
+        off. `AimConfig.force` makes it all the same.
         """
         goal, length = proposal.goal, self.setup.cable.length
 
@@ -374,14 +381,26 @@ class AimSession:
         else:
             far = expected > max(goal.within_pct / 100.0, NEAR)
             unlikely = proposal.hit_chance < HIT_CHANCE_MIN and far
-        if self.config.force or not (stuck or unlikely):
+        in_vain = proposal.hit_chance < _UNLIKELY and self._misses_one_way(goal, landed)
+        if self.config.force or not (stuck or unlikely or in_vain):
             return None
+        found = (stuck, StopReason.STUCK), (in_vain, StopReason.IN_VAIN)
         return Stop(
             proposal=proposal,
-            reason=StopReason.STUCK if stuck else StopReason.UNLIKELY,
+            reason=next((reason for holds, reason in found if holds), StopReason.UNLIKELY),
             nearest=near,
             is_simulated=not landed,
         )
+
+    @staticmethod
+    def _misses_one_way(goal: Goal, landed: Sequence[NDArray[np.float64]]) -> bool:
+        """Return whether the last two of some outcomes, shape [k], missed far in one direction."""
+        if len(landed) < 2:
+            return False
+        first, last = ((one - goal.value) / goal.task.scale(goal.setup) for one in landed[-2:])
+        sizes = np.linalg.norm([first, last], axis=1)
+        far = sizes.min() > _FAR and sizes[1] >= _NO_LESS * sizes[0]
+        return bool(far and first @ last >= _ONE_WAY * sizes.prod())
 
     def propose(
         self,

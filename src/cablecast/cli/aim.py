@@ -256,20 +256,14 @@ def refit_and_say(session: "AimSession", due: "RefitDue") -> None:
 
 def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
     """Say what a cast is expected to do."""
-    from cablecast.report.words import motion_text, outlook_text, reason_text, region_text
+    from cablecast.report.words import chance_text, distance_text, motion_text, reason_text
 
     if proposal.try_number == 1:
         print(f"\ntarget    {polar_text(proposal.goal.value)}")
-        if not proposal.expects_hit:
-            print(f"note: {outlook_text(proposal)}")
-    turn = math.degrees(proposal.expected.ellipse(0.9).angle) % 180
     print(f"try {proposal.try_number}     {reason_text(proposal, session)}")
     print(f"  motion  {motion_text(proposal)}")
-    print(f"  expect  {polar_text(proposal.expected.mean)}")
-    print(
-        f"          nine of ten casts in {region_text(proposal, 0.9)} about it, the longer axis "
-        f"{turn:.0f} deg from x"
-    )
+    print(f"  expect  a hit with a chance of {chance_text(proposal.hit_chance)}")
+    print(f"          {distance_text(proposal)}")
     chance = 100 * proposal.expected.failure
     if chance > 10:
         print(f"          {chance:.0f} % chance that it is hidden or off the table")

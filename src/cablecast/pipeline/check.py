@@ -137,7 +137,7 @@ class LabCheck:
         gap = gaps[nearest]
         return (
             "no simulated cast of what this cable may be lands there: the nearest is r = "
-            f"{r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * gap:.0f} cm beside it"
+            f"{r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * gap:.0f} cm away"
         )
 
     @property
@@ -156,8 +156,8 @@ class LabCheck:
         """One line: how much of the table is reached, and how sure that is."""
         name, low, high = self.setup.cable.name, self.shares.min(), self.shares.max()
         return (
-            f"casts of {name} reach {100 * self.shares[0]:.0f} % of the table, {100 * low:.0f} to "
-            f"{100 * high:.0f} % by what the cable may be"
+            f"casts of {name} reach {100 * self.shares[0]:.0f} % of the table, or from "
+            f"{100 * low:.0f} to {100 * high:.0f} % as far as its stiffness and friction are known"
         )
 
     @property
@@ -170,7 +170,7 @@ class LabCheck:
         words = (
             (far, f"is beyond arm and cable, {workspace.reach(cable.length):.2f} m from the base"),
             (edge, f"is where only casts end that pass the table's {self._passed_edge()} edge"),
-            (~far & ~edge, "is between and beside where casts of this arm and cable end"),
+            (~far & ~edge, "is near enough, but no simulated cast ended there"),
         )
         rows = [(float(np.mean(left & mask)), text) for mask, text in words]
         lines = [
@@ -187,7 +187,7 @@ class LabCheck:
         if self.broken:
             lines.append(
                 f"the arm can follow {100 * self.followed:.0f} % of the motions that were drawn; "
-                f"most others break the limit of its {self.broken}"
+                f"what rules out most others is the {self.broken}"
             )
         return tuple(lines)
 

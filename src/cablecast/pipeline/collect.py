@@ -80,6 +80,7 @@ def collect(
     is_finished = out is not None and (pathlib.Path(out) / METRICS_FILE).is_file()
     # Who has a fit has cast before.
     if dynamics is None and not is_finished:
+        progress(Progress(task=f"Checking what casts of {setup.cable.name} reach"))
         found = check(setup, changes=False)
         progress(Progress(task=f"Checking {setup.cable.name}", note=found.summary))
         if how == "spread" and not found.reaches_anything:

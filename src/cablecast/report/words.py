@@ -31,6 +31,9 @@ BLIND_NOTE = (
 # action.
 _OTHER_ACTION = 12.0
 
+# Such steps that are small, and misses that are large [cable lengths].
+_SMALL_STEP, _LARGE_MISS = 3.0, 0.1
+
 
 def place_text(xy: NDArray[np.float64]) -> str:
     """Return a place on the table [m], shape [2], in polar coordinates."""
@@ -60,15 +63,22 @@ def verdict_text(tries: Sequence[Sequence[Cast]], beyond_count: int = 0) -> str:
     return text + "; " * bool(words) + ", ".join(words)
 
 
-def region_text(proposal: Proposal, share: float) -> str:
-    """Return the axes of the region that holds a share of the landings [-], e.g. 90 %."""
-    axes = 2.0 * proposal.expected.ellipse(share).semi_axes
-    table = proposal.setup.workspace
-    if axes.min() > max(table.table_width, table.table_depth):
-        return "a region larger than the table"
-    centimetres = " by ".join(f"{100 * axis:.0f}" for axis in axes)
-    percent = " by ".join(f"{100 * axis / proposal.setup.cable.length:.0f}" for axis in axes)
-    return f"{centimetres} cm ({percent} %)"
+def chance_text(chance: float) -> str:
+    """Return a probability [-] in words.
+
+    >>> chance_text(0.333), chance_text(0.002), chance_text(0.999)
+    ('33 %', 'less than 1 %', 'more than 99 %')
+    """
+    if chance < 0.005:
+        return "less than 1 %"
+    return "more than 99 %" if chance > 0.995 else f"{100.0 * chance:.0f} %"
+
+
+def distance_text(proposal: Proposal) -> str:
+    """Return how far from its target a cast will land: half of such casts, and nine of ten."""
+    goal, length = proposal.goal, proposal.setup.cable.length
+    half, most = (100.0 * length * proposal.expected.miss_within(goal, p) for p in (0.5, 0.9))
+    return f"most likely {half:.1f} cm off the target, nine of ten within {most:.0f} cm"
 
 
 def motion_text(proposal: Proposal) -> str:
@@ -82,14 +92,12 @@ def motion_text(proposal: Proposal) -> str:
 
 def outlook_text(proposal: Proposal) -> str:
     """Return what to expect of a cast that is unlikely to hit."""
-    wide, narrow = 200.0 * proposal.expected.ellipse().semi_axes
-    miss, length = proposal.expected_miss, proposal.setup.cable.length
     # A cast that was found by search may land near a target that no candidate comes near.
-    far = not proposal.inside_coverage and 100.0 * miss > proposal.goal.within_pct
-    return "no simulated cast of this cable lands near this target, and " * far + (
-        f"the next cast would hit it with a chance of {100 * proposal.hit_chance:.0f} %: it is "
-        f"expected {100.0 * miss * length:.1f} cm off the target, somewhere in "
-        f"{wide:.0f} by {narrow:.0f} cm"
+    far = 100.0 * proposal.expected_miss > proposal.goal.within_pct
+    nowhere = "no simulated cast of this cable lands near this target, and "
+    return nowhere * (far and not proposal.inside_coverage) + (
+        f"the next cast has a chance of {chance_text(proposal.hit_chance)} to hit it: "
+        f"{distance_text(proposal)}"
     )
 
 
@@ -110,6 +118,12 @@ def stop_text(stop: Stop) -> str:
     why = outlook_text(stop.proposal)
     if stop.reason is StopReason.STUCK:
         why = f"none of the last {STUCK_COUNT} casts came nearer"
+    elif stop.reason is StopReason.IN_VAIN:
+        why = (
+            "the last two casts missed far in one direction, whatever was corrected: something "
+            "here is not as in the simulator. Check the grip, the camera, and the values of the "
+            "cable, or choose another target"
+        )
     r, theta = xy_to_polar(stop.nearest)
     miss = 100.0 * float(goal.miss(stop.nearest)) * goal.setup.cable.length
     return (
@@ -134,18 +148,21 @@ def _reason(earlier: list[Cast], proposal: Proposal) -> str:
         return f"first cast at this target, after {proposal.number} casts of this cable"
     action = proposal.action
     landed = [
-        (cast.try_number, cast.action.to_array())
+        (cast, cast.action.to_array())
         for cast in earlier
         if cast.landed and cast.action is not None and cast.action.family == action.family
     ]
     if not landed:
         return "another action, since no cast like it has landed"
     if isinstance(action, PolarCast):
-        number, last = landed[-1]
-        azimuth, x, y = action.to_array() - last
+        last, values = landed[-1]
+        azimuth, x, y = action.to_array() - values
+        turn, right, away = math.degrees(azimuth), 100.0 * x, 100.0 * y
+        small = math.hypot(turn, right, away) < _SMALL_STEP
         return (
-            f"try {number} with the azimuth {math.degrees(azimuth):+.1f} deg, the end of the pull "
-            f"{100 * x:+.1f} cm in x and {100 * y:+.1f} cm in y"
+            f"try {last.try_number} with the azimuth {turn:+.1f} deg, the end of the pull "
+            f"{right:+.1f} cm in x and {away:+.1f} cm in y"
+            + (small_step_text(proposal, last) if small else "")
         )
     units = np.array([57.3, 57.3, 100.0, 57.3, 100.0])
     steps = [action.to_array() - values for _, values in landed]
@@ -154,11 +171,42 @@ def _reason(earlier: list[Cast], proposal: Proposal) -> str:
     if sizes[nearest] > _OTHER_ACTION:
         return "another action, which is expected to land nearer than a correction of the last"
     theta1, theta2, r2, psi, pace = steps[nearest]
+    why = small_step_text(proposal, landed[nearest][0]) if sizes[nearest] < _SMALL_STEP else ""
     return (
-        f"try {landed[nearest][0]} with theta1 {math.degrees(theta1):+.1f} deg, theta2 "
+        f"try {landed[nearest][0].try_number} with theta1 {math.degrees(theta1):+.1f} deg, theta2 "
         f"{math.degrees(theta2):+.1f} deg, r2 {100 * r2:+.1f} cm, psi {math.degrees(psi):+.1f} deg"
         + (f", pace {pace:+.2f}" if round(pace, 2) else "")
+        + why
     )
+
+
+def moved_text(moved: NDArray[np.float64]) -> str:
+    """Return by how much the landing that is expected of a motion has moved [cm], shape [2].
+
+    >>> moved_text(np.array([-4.5, 1.7]))
+    'the same motion is now expected 4.5 cm farther left and 1.7 cm farther away than before'
+    """
+    right, away = (float(value) for value in moved)
+    return (
+        f"the same motion is now expected {abs(right):.1f} cm farther "
+        f"{'right' if right >= 0 else 'left'} and {abs(away):.1f} cm "
+        f"{'farther away' if away >= 0 else 'nearer'} than before"
+    )
+
+
+def small_step_text(proposal: Proposal, last: Cast) -> str:
+    """Return why a small correction follows a large miss; empty for a small one."""
+    goal, length = proposal.goal, proposal.setup.cable.length
+    miss = float(goal.miss(last.outcome))
+    if miss < _LARGE_MISS:
+        return ""
+    moves = float(goal.task.miss(proposal.expected.mean, last.outcome, proposal.setup))
+    text = f", a small change after a miss of {100.0 * miss * length:.0f} cm: "
+    if moves >= 0.5 * miss:
+        return text + f"it is expected to move the landing by {100.0 * moves * length:.0f} cm"
+    if proposal.expected_miss >= 0.5 * miss:
+        return text + "nothing that the arm can do is expected to land much nearer"
+    return text + "most of that miss is taken for chance"
 
 
 def change_text(cast: Cast, session: AimSession) -> str:
@@ -171,8 +219,5 @@ def change_text(cast: Cast, session: AimSession) -> str:
     predictor = session.predictor if done else session.predictor_at(cast.target_xy)
     xy, scatter = predictor.moved(cast)
     moved = 100.0 * (xy - cast.expected_xy)
-    text = (
-        f"{note}the expected landing of this action moves by {moved[0]:+.1f} cm in x and "
-        f"{moved[1]:+.1f} cm in y; equal casts scatter by {100.0 * scatter:.1f} cm"
-    )
+    text = f"{note}{moved_text(moved)}; equal casts scatter by {100.0 * scatter:.1f} cm"
     return f"{text}. {DRIFT_NOTE}" if session.drifted else text

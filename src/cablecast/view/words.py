@@ -8,7 +8,7 @@ import numpy as np
 from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
 from cablecast.report.tables import markdown_table
-from cablecast.report.words import motion_text, place_text, region_text
+from cablecast.report.words import chance_text, motion_text, place_text
 from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.look import ShownCast
@@ -85,12 +85,14 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     if desk.phase in (Phase.LANDED, Phase.DONE):
         return _landing_text(proposal, desk)
     r, theta = xy_to_polar(proposal.goal.value)
+    half, most = (100 * proposal.expected.miss_within(proposal.goal, p) for p in (0.5, 0.9))
     shares, names = 100.0 * preview.limit_shares, desk.setup.arm.joint_names
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
         ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
-        ("expected", f"{_length_text(100 * proposal.expected_miss, length)} beside it"),
-        (f"{100 * EXPECTED_SHARE:.0f} % land", f"in {region_text(proposal, EXPECTED_SHARE)}"),
+        ("chance of a hit", chance_text(proposal.hit_chance)),
+        ("most likely", f"{_length_text(half, length)} off"),
+        ("nine of ten", f"within {_length_text(most, length)}"),
         ("duration", motion_text(proposal)),
         ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({names[fastest]})"),
         ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({names[hardest]})"),
@@ -113,13 +115,11 @@ def _landing_text(proposal: Proposal, desk: Desk) -> str:
             proposal.goal.task.miss(last.outcome, proposal.expected.mean, proposal.setup)
         )
         inside = proposal.expected.holds(last.outcome, EXPECTED_SHARE)
+        often = "nine" if inside else "one"
         rows += [
-            ("landed", f"{_length_text(last.miss_pct, length)} beside it"),
-            ("expected", f"{_length_text(off, length)} from there"),
-            (
-                f"{100 * EXPECTED_SHARE:.0f} % region",
-                f"{region_text(proposal, EXPECTED_SHARE)}: landed {'in' if inside else 'out'}side",
-            ),
+            ("missed by", _length_text(last.miss_pct, length)),
+            ("error of the forecast", _length_text(off, length)),
+            ("green ellipse", f"landed {'in' if inside else 'out'}side, as {often} of ten do"),
         ]
     return markdown_table((f"try {proposal.try_number}", ""), rows)
 
