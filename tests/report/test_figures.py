@@ -14,9 +14,10 @@ from cablecast.report.maps import (
     coverage_figure,
     ellipse_map,
     landing_map,
+    reach_map,
     track_panels,
 )
-from cablecast.report.style import png_bytes, svg_uri
+from cablecast.report.style import BASE_RADIUS, png_bytes, svg_uri
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
@@ -147,6 +148,21 @@ def test_the_coverage_is_shaded_on_both_halves_of_the_table(make_evaluation):
     farthest = 0.5 + COVERAGE_PCT / 100.0 * evaluation.cable.length
     assert outline[:, 0].max() == pytest.approx(farthest, abs=0.01)
     assert outline[:, 0].min() == pytest.approx(-farthest, abs=0.01)
+
+
+def test_the_map_of_what_is_reached_marks_the_targets_and_names_the_base_below_its_disc():
+    setup = Setup()
+    x, y = np.meshgrid(np.linspace(-1.3, 1.3, 27), np.linspace(0.05, 1.45, 15))
+    places, targets = np.stack([x, y], axis=-1).reshape(-1, 2), np.array([[0.18, 1.03]])
+    figure = reach_map(setup, places, np.ones(len(places)), 0.1, targets)
+    axes = figure.axes[0]
+    assert any(np.allclose(line.get_xydata(), targets) for line in axes.lines)
+    texts = {text.get_text(): text for text in axes.texts}
+    assert "1.05 m, 10°" in texts
+    base = texts["robot base"]
+    assert base.xy[1] <= -BASE_RADIUS
+    assert base.get_va() == "top"
+    assert png_bytes(figure, dpi=30)
 
 
 def test_the_chosen_casts_run_from_the_best_to_the_worst_and_end_with_a_lost_one(make_evaluation):

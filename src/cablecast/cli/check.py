@@ -45,7 +45,7 @@ class Check(TargetOptions):
         places = self.targets(setup)
         out = self.out or cable_folder(setup.cable.name) / CHECK_FOLDER
         with console_progress() as progress:
-            found = check(setup, out=out, seed=self.seed, progress=progress)
+            found = check(setup, target_xy=places, out=out, seed=self.seed, progress=progress)
         print(found.summary)
         for limit in found.limits:
             print(f"  {limit}")

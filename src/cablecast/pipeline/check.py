@@ -156,8 +156,8 @@ class LabCheck:
         """One line: how much of the table is reached, and how sure that is."""
         name, low, high = self.setup.cable.name, self.shares.min(), self.shares.max()
         return (
-            f"casts of {name} reach {100 * self.shares[0]:.0f} % of the table, or from "
-            f"{100 * low:.0f} to {100 * high:.0f} % as far as its stiffness and friction are known"
+            f"casts of {name} reach {100 * self.shares[0]:.0f} % of the table; {100 * low:.0f} to "
+            f"{100 * high:.0f} % if its stiffness and friction are not as assumed"
         )
 
     @property
@@ -170,7 +170,7 @@ class LabCheck:
         words = (
             (far, f"is beyond arm and cable, {workspace.reach(cable.length):.2f} m from the base"),
             (edge, f"is where only casts end that pass the table's {self._passed_edge()} edge"),
-            (~far & ~edge, "is near enough, but no simulated cast ended there"),
+            (~far & ~edge, "is within the length of arm and cable, but no cast ended there"),
         )
         rows = [(float(np.mean(left & mask)), text) for mask, text in words]
         lines = [
@@ -218,6 +218,7 @@ def remedy(changes: tuple[Change, ...]) -> str:
 def check(
     setup: Setup,
     *,
+    target_xy: ArrayLike = (),
     changes: bool = True,
     out: str | os.PathLike[str] | None = None,
     seed: int = 0,
@@ -231,6 +232,7 @@ def check(
 
     Args:
         setup: Cable, workspace, arm and motion settings.
+        target_xy: Targets that the picture marks [m], shape [target, 2].
         changes: Whether to try changes of the laboratory.
         out: Folder for a picture; none is drawn where None.
         seed: Seed of casts and cables.
@@ -257,7 +259,8 @@ def check(
         from cablecast.report.maps import reach_map
         from cablecast.report.style import png_bytes
 
-        figure = reach_map(setup, found.places, found.chance(found.places), _CELL)
+        targets = np.reshape(target_xy, (-1, 2))
+        figure = reach_map(setup, found.places, found.chance(found.places), _CELL, targets)
         write_bytes(pathlib.Path(out) / PICTURE_FILE, png_bytes(figure))
     return found
 

@@ -12,6 +12,7 @@ from cablecast.evaluation.evaluate import Evaluation
 from cablecast.evaluation.repeatability import Repeatability, confidence_ellipse
 from cablecast.learning.policy import COVERAGE_PCT
 from cablecast.report.style import (
+    BASE_RADIUS,
     BLUE,
     GREEN,
     INK,
@@ -138,7 +139,8 @@ def _reach_panel(setup: Setup) -> tuple["Figure", "Axes"]:
     above = f"reach of arm and cable, {reach:.2f} m"
     annotate(axes, above, (0.0, reach), (0, 3), ha="center", **style)
     annotate(axes, f" reach of the arm,\n {arm:.2f} m", foot, (0, 3), ha="left", **style)
-    annotate(axes, "robot base", (0.0, 0.0), (20, -5), color=INK, fontsize=8, ha="left", va="top")
+    below = {"color": INK, "fontsize": 8, "ha": "center", "va": "top"}
+    annotate(axes, "robot base", (0.0, -BASE_RADIUS), (0, -2), **below)
     return figure, axes
 
 
@@ -275,11 +277,15 @@ def coverage_figure(
 
 @styled()
 def reach_map(
-    setup: Setup, places: NDArray[np.float64], chances: NDArray[np.float64], cell: float
+    setup: Setup,
+    places: NDArray[np.float64],
+    chances: NDArray[np.float64],
+    cell: float,
+    target_xy: NDArray[np.float64],
 ) -> "Figure":
-    """Draw the share of the believed cables whose casts reach each place of the table.
+    """Draw the share of the believed cables whose casts reach each place of the table, and targets.
 
-    Places are the middles of squares of a width [m], shape [place, 2].
+    Places are the middles of squares of a width [m], shape [place, 2]; so are targets.
     """
     figure, axes = _reach_panel(setup)
     scale = color_scale("Blues", 0.0, 0.85, 100.0)
@@ -293,6 +299,11 @@ def reach_map(
     axes.plot([0.0, 0.0], rest, color=VERMILLION, linewidth=1.6, zorder=3)
     style: dict[str, Any] = {"color": VERMILLION, "fontsize": 8, "halo": 2.2, "zorder": 5}
     annotate(axes, "cable after a reset", (0.0, rest.mean()), (5, 0), **style)
+    for target in target_xy:
+        axes.plot(*target, "o", color="white", markeredgecolor=INK, markersize=8, zorder=6)
+        axes.plot(*target, "o", color=INK, markersize=2.5, zorder=6)
+        style = {"color": INK, "fontsize": 8, "halo": 2.2, "zorder": 6}
+        annotate(axes, place_text(target), target, (7, 5), **style)
     label = "believed cables whose casts reach a place [%]"
     draw_color_bar(figure, axes, scale, label, shrink=0.6, aspect=26, pad=0.01)
     return figure

@@ -31,7 +31,9 @@ PURPLE = "#cc79a7"
 PAGE_WIDTH = 9.2
 """Width of a figure that fills a page [inch]."""
 
-_BASE_RADIUS = 0.075  # Disc that stands for the robot's base [m].
+BASE_RADIUS = 0.075
+"""Disc that stands for the robot's base [m]."""
+
 _GRID_STEP = 0.5  # Lines on the table, and ticks [m].
 _TITLE_HEIGHT = 0.25  # Room for the title of a panel [inch].
 _ASPECT_MAX = 1.0  # A table deeper than wide gets white at its sides, not a page-long panel.
@@ -133,11 +135,11 @@ def workspace_view(
 
     It reaches at least `radius` straight ahead [m]; `left` and `right` replace the table's x [m].
     """
-    half_width = max(workspace.half_width, _BASE_RADIUS) + margin
+    half_width = max(workspace.half_width, BASE_RADIUS) + margin
     return View(
         -half_width if left is None else left,
         half_width if right is None else right,
-        min(workspace.y_min, -_BASE_RADIUS) - margin,
+        min(workspace.y_min, -BASE_RADIUS) - margin,
         max(workspace.y_max, radius) + margin,
     )
 
@@ -167,7 +169,7 @@ def draw_workspace(
         axes.vlines(x_lines[np.abs(x_lines) < half_width], y_min, y_max, **line)
         inner = y_lines[(y_lines > y_min) & (y_lines < y_max)]
         axes.hlines(inner, -half_width, half_width, **line)
-    axes.add_patch(Circle((0.0, 0.0), _BASE_RADIUS, facecolor=INK, edgecolor="none", zorder=6))
+    axes.add_patch(Circle((0.0, 0.0), BASE_RADIUS, facecolor=INK, edgecolor="none", zorder=6))
     axes.set_aspect("equal")
     for side in axes.spines.values():
         side.set_visible(False)
