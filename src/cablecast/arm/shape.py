@@ -16,7 +16,7 @@ _PALM_SHARE = 0.6
 GRIPPER_ROD_COUNT = 2
 """Number of capsules of the gripper, which are the last."""
 
-_STANDING = 2
+STANDING = 2
 """Number of links from the base on that stand over the table in any posture."""
 
 
@@ -71,7 +71,7 @@ def find_collision(arm: Arm, robot: RobotConfig, q: Array) -> str | None:
     axis must stay above it. Joint angles [rad] have the shape [step, joint].
     """
     parts = _parts(arm, q, robot.tool_radius)
-    for name in list(parts)[_STANDING:]:
+    for name in list(parts)[STANDING:]:
         axis, radius = parts[name]
         bound = robot.clearance
         if name == "gripper":

@@ -75,7 +75,7 @@
     line(grip, "#1f2933", 2.5, [3, 6]);
     line(trail, "#9aa5b1", 2);
     const [tx, ty] = cast.target_mm;
-    if (cast.region_mm) line(cast.region_mm, "#009e73", 2.5);
+    if (cast.region_mm) line(cast.region_mm, "#cc79a7", 2.5);
     dot(tx, ty, cast.within_mm ? cast.within_mm * scale : 26, null, "#d55e00");
     dot(tx, ty, 5, "#d55e00");
     // Of a rig that does not see the cable's shape, its ends alone are known.

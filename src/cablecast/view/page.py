@@ -32,6 +32,7 @@ from cablecast.view.look import Collection, ShownCast, open_collection
 from cablecast.view.scene import Stage, start_server, stop_server, update
 from cablecast.view.shapes import BLUE, SLATE, miss_map, viewpoint
 from cablecast.view.words import (
+    colors_text,
     legend_text,
     motions_text,
     plan_text,
@@ -66,9 +67,15 @@ FACTOR_MAX = 10.0
 """Sliders multiply a parameter by up to this factor, or divide it."""
 
 PHONE_STYLE = """<style>
-@media (max-width: 36em) { [style*="width: 20em"] { width: 100% !important; } }
+@media (max-width: 36em) {
+  [style*="width: 20em"] { width: 100% !important; }
+  button.mantine-Button-root, button.mantine-Tabs-tab, input[type="text"] {
+    min-height: 44px !important; height: 44px !important;
+  }
+}
 </style>"""
-"""Lets viser's panel fill a phone's width: its own has 20 em there, which leaves a part empty."""
+"""Lets viser's panel fill a phone's width: its own has 20 em there, which leaves a part empty.
+What a finger touches is 44 pixels high."""
 
 _RESHAPED = 0.02  # Change of the picture's shape that moves the camera.
 _ROUNDS = 3  # Times that a ghost plays: a page that always moves keeps a fan busy.
@@ -265,8 +272,12 @@ class Page:
 
     def _mark(self, target_xy: NDArray[np.float64]) -> None:
         """Draw a target and the landings of the tries at it."""
-        self.stage.table.target(target_xy)
-        self.stage.table.landings(self.desk.tries_at(target_xy))
+        tries, session = self.desk.tries_at(target_xy), self.desk.session
+        within_pct = 0.0 if session is None else session.config.within_pct
+        within = within_pct / 100.0 * self.desk.setup.cable.length
+        is_hit = any(one.hit for one in tries)
+        self.stage.table.target(target_xy, within, is_hit=is_hit)
+        self.stage.table.landings(tries)
 
     @functools.cached_property
     def _resting(self) -> ShownCast | None:
@@ -294,7 +305,7 @@ class Page:
         self.stage.table.landings(tries[:-1])
 
         def landed() -> None:
-            self.stage.table.landings(tries)
+            self._mark(one.target_xy)
             self.stage.hide("plan")
 
         self.stage.play(casts, done=landed)
@@ -366,8 +377,9 @@ class Page:
         stop.on_click(lambda _: worker.stop())
         bar = gui.add_progress_bar(0.0, animated=True)
         plan = gui.add_markdown("")
+        colors = gui.add_html(colors_text(), visible=False)
         tour = gui.add_markdown("", visible=False)
-        with gui.add_folder("Target", expand_by_default=False):
+        with gui.add_folder("Target"):
             reach = desk.setup.workspace.reach(desk.setup.cable.length)
             r = gui.add_number("r [m]", 1.1, min=0.0, max=round(reach, 3), step=0.01)
             theta = gui.add_number("theta [deg]", 0.0, min=-90.0, max=90.0, step=0.5)
@@ -392,6 +404,7 @@ class Page:
             # The plan is there before the page asks to look at it.
             update(plan, content="" if preview is None else plan_text(preview, desk))
             update(status, content=status_text(desk, state))
+            update(colors, visible=preview is not None)
             update(make, visible=phase is Phase.NO_MODEL, disabled=busy)
             stopped = phase in (Phase.PLANNED, Phase.DONE) and bool(desk.stop)
             can_cast = phase in (Phase.READY, Phase.PLANNED, Phase.CASTING) and not stopped

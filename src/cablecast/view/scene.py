@@ -23,6 +23,7 @@ from cablecast.view.look import ShownCast
 from cablecast.view.shapes import (
     ARM,
     BLUE,
+    FLOOR,
     GREEN,
     GREY,
     INK,
@@ -72,7 +73,8 @@ FIGURE_COLORS: dict[str, Color] = {
 """Colours of the figures of a stage."""
 
 _PLAN_OPACITY = 0.5
-_REST_OPACITY = 0.25
+_REST_OPACITY = 0.35
+_HIT_OPACITY = 0.6  # Of the disc of a target that was hit.
 _TEXT_HEIGHT = 0.07  # Of the text at a landing [m].
 _TEXT_AWAY = 0.1  # Distance of that text from the landing [m].
 _TEXT_ROOM = np.array([0.22, 0.08])  # Nearer to the last text, an earlier number is left out [m].
@@ -156,7 +158,7 @@ class RodsDrawing:
         q: Array,
         color: Color,
         *,
-        joint_color: Color | None = None,
+        housing_color: Color | None = None,
         opacity: float | None = None,
     ):
         import trimesh
@@ -168,7 +170,7 @@ class RodsDrawing:
         ball = trimesh.creation.uv_sphere(radius=1.0, count=[sides // 2, sides])
         centers, radii = rods.joints
 
-        def add(part: str, mesh: Any, quats: Array, places: Array, scales: Array, paint: Color):
+        def add(part: str, mesh: Any, quats: Array, places: Array, scales: Array, paint: Any):
             return server.scene.add_batched_meshes_simple(
                 f"{name}/{part}",
                 mesh.vertices,
@@ -176,7 +178,7 @@ class RodsDrawing:
                 quats,
                 places,
                 batched_scales=scales,
-                batched_colors=_linear(paint),
+                batched_colors=paint,
                 opacity=opacity,
                 lod="off",
                 cast_shadow=opacity is None,
@@ -185,8 +187,10 @@ class RodsDrawing:
 
         upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(radii), 1))
         sizes = np.repeat(radii[:, None], 3, axis=1)
-        self._rods = add("rods", cylinder, rods.quats_wxyz, rods.centers, rods.scales, color)
-        self._balls = add("balls", ball, upright, centers, sizes, joint_color or color)
+        paints = np.array([_linear(color), _linear(housing_color or color)], dtype=np.uint8)
+        own = paints[rods.housings.astype(int)]
+        self._rods = add("rods", cylinder, rods.quats_wxyz, rods.centers, rods.scales, own)
+        self._balls = add("balls", ball, upright, centers, sizes, _linear(color))
 
     def move(self, q: Array) -> None:
         """Draw the rods at joint angles [rad], shape [joint]."""
@@ -292,7 +296,7 @@ class Figure:
                 lambda q: shape(q, self._setup.arm),
                 q,
                 ARM if is_solid else self._color,
-                joint_color=JOINT if is_solid else None,
+                housing_color=JOINT if is_solid else None,
                 opacity=self._arm_opacity,
             )
             self._drawings.append(rods)
@@ -357,7 +361,8 @@ class Table:
             "/room/ground",
             corners,
             np.array([[0, 1, 2], [0, 2, 3]]),
-            opacity=0.0,
+            color=FLOOR,
+            side="double",
             position=(0.0, 0.0, -2 * _THICKNESS),
             **_SHADOWLESS,
         )
@@ -414,15 +419,30 @@ class Table:
         for name in ("target", "expected", "tries"):
             self._server.scene.remove_by_name(f"/marks/{name}")
 
-    def target(self, xy: Array) -> None:
-        """Draw the target [m], shape [2], as two rings and a cross."""
-        self._lines("/marks/target", target_marks(xy, 2 * LIFT), VERMILLION, 3.0)
+    def target(self, xy: Array, within: float = 0.0, *, is_hit: bool = False) -> None:
+        """Draw the target [m], shape [2], as a cross, with a ring of its tolerance [m] if known.
+
+        One that was hit is green, and filled.
+        """
+        self._server.scene.remove_by_name("/marks/target")
+        color = GREEN if is_hit else VERMILLION
+        self._lines("/marks/target/rings", target_marks(xy, 2 * LIFT, within), color, 3.0)
+        if is_hit:
+            self._server.scene.add_cylinder(
+                "/marks/target/disc",
+                within,
+                LIFT,
+                color=color,
+                opacity=_HIT_OPACITY,
+                position=(*xy, LIFT),
+                cast_shadow=False,
+            )
 
     def expectation(self, proposal: Proposal) -> None:
         """Draw the expected landing, and the ellipse that nine of ten landings lie in."""
         outline = level(proposal.expected.ellipse(EXPECTED_SHARE).outline(), 2 * LIFT)
         lines = [circle(proposal.expected.mean, 0.012, 2 * LIFT), polyline(outline)]
-        self._lines("/marks/expected", np.concatenate(lines), GREEN, 2.5)
+        self._lines("/marks/expected", np.concatenate(lines), PURPLE, 2.5)
 
     def landings(self, trials: list[Cast]) -> None:
         """Draw the landings of tries at one target, numbered, each with a line to the target."""
@@ -431,7 +451,7 @@ class Table:
             if not np.all(np.isfinite(one.final_xy)):
                 continue
             name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
-            color = INK if is_last else GREY
+            color = GREEN if one.hit else INK if is_last else GREY
             self._server.scene.add_icosphere(
                 f"{name}/ball", 0.014, color, position=(*one.final_xy, 0.012), cast_shadow=False
             )
@@ -440,12 +460,14 @@ class Table:
             text = f"{one.try_number}"
             if is_last:
                 cable_length = self._setup.cable.length
-                text += f":  {one.miss_pct * cable_length:.1f} cm, {one.miss_pct:.1f} %"
+                hit = "hit, " if one.hit else ""
+                text += f":  {hit}{one.miss_pct * cable_length:.1f} cm, {one.miss_pct:.1f} %"
             apart = np.abs(_text_xy(one) - _text_xy(trials[-1]))
             # The last one may not have landed.
             if is_last or not np.all(apart <= _TEXT_ROOM):
                 place = (*_text_xy(one), _TEXT_LIFT)
-                self._text(f"{name}/label", text, place, color, _TEXT_HEIGHT, WHITE)
+                ink, plate = (WHITE, GREEN) if one.hit else (color, WHITE)
+                self._text(f"{name}/label", text, place, ink, _TEXT_HEIGHT, plate)
 
     def show_map(self, miss: Array | None) -> None:
         """Lay a map of expected misses on the table, below the lines; take it away where None."""

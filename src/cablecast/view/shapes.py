@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import Arm
-from cablecast.arm.shape import GRIPPER_ROD_COUNT, arm_shape
+from cablecast.arm.shape import GRIPPER_ROD_COUNT, STANDING, arm_shape
 from cablecast.conventions import Array
 from cablecast.learning.policy import Policy
 from cablecast.setup import Setup
@@ -27,7 +27,8 @@ WHITE: Color = (255, 255, 255)
 TABLE: Color = (226, 214, 194)
 TABLE_SIDE: Color = (176, 158, 132)
 TABLE_LINE: Color = (196, 182, 160)
-ARM: Color = (196, 203, 212)
+FLOOR: Color = (214, 219, 224)
+ARM: Color = (212, 217, 223)
 JOINT: Color = (94, 119, 145)
 
 CABLE_RADIUS_MIN = 0.006
@@ -48,8 +49,12 @@ MAP_COLORS = np.array([[0, 114, 178], [240, 228, 66], [213, 94, 0]], dtype=float
 _MAP_STEP = 0.04  # Distance of the targets of the map [m].
 _HATCH_STEP = 0.03  # Distance of the lines across a place that the camera is blind at [m].
 _TUBE_SIDES = 6
-_BALL_SHARE = 1.07  # Balls are wider than the rods, or both surfaces would show in patches.
+_RING_RADIUS, _CROSS = 0.03, 0.05  # Ring of a target without a tolerance, half of a cross [m].
+_HOUSING_LENGTH = 2.6  # Links shorter than this are housings of joints [radii].
+_HOUSING_OUT = 0.75  # Length by which a housing stands out at either end [radii].
+_TUBE_SHARE = 0.8  # Radius of a long link over that of its ends [-].
 _FOV, _ELEVATION = np.radians(44.0), np.radians(74.0)  # Steep: the arm hides little of the table.
+_ELEVATION_NARROW = np.radians(86.0)
 _SCALE_ROOM = np.array([0.04, 0.14])  # Room beside the table, and for the scale before it [m].
 _MAP_DETAIL = 4  # Pixels of the map's picture for each of its targets, along both sides.
 _MAP_OPACITY = 190.0  # Of 255: lines and words below the map shine through a little.
@@ -59,15 +64,20 @@ _PIXELS = 48  # Height of words, enough for a window that shows one table.
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Rods:
-    """Rounded rods.
+    """Rods, rounded but for those that are housings of joints.
 
     Attributes:
         ends: Both ends of each rod's axis [m], shape [rod, 2, 3].
         radii: Radius [m], shape [rod].
+        housings: Which rods are the housing of a joint, shape [rod]; none by default.
     """
 
     ends: Array
     radii: Array
+    housings: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.array(False))
+
+    def __post_init__(self):
+        object.__setattr__(self, "housings", np.broadcast_to(self.housings, self.radii.shape))
 
     @property
     def scales(self) -> Array:
@@ -96,20 +106,36 @@ class Rods:
     @property
     def joints(self) -> tuple[Array, Array]:
         """Balls that round the rods off: centres [m] and radii [m], shapes [ball, 3], [ball]."""
-        centers = np.concatenate([self.ends[:1, 0], self.ends[:, 1]])
-        return centers, _BALL_SHARE * np.concatenate([self.radii[:1], self.radii])
+        round_ = ~self.housings
+        return self.ends[round_].reshape(-1, 3), np.repeat(self.radii[round_], 2)
 
 
 def arm_rods(q: ArrayLike, arm: Arm) -> Rods:
-    """Return arm and gripper at joint angles [rad], shape [joint]."""
+    """Return arm and gripper at joint angles [rad], shape [joint].
+
+    Short links are the housings of the joints, and stand out at both ends; long ones are slimmer.
+    """
     shape = arm_shape(np.asarray(q, dtype=float)[None], arm)
-    return Rods(ends=shape.ends[0], radii=shape.radii)
+    ends, radii = shape.ends[0].copy(), shape.radii.copy()
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    housings = length < _HOUSING_LENGTH * radii
+    housings[-GRIPPER_ROD_COUNT:] = False
+    # What stands on the table does not reach into it.
+    out = (housings & (np.arange(len(radii)) >= STANDING))[:, None] * _HOUSING_OUT
+    out = out * (radii / np.maximum(length, 1e-9))[:, None] * along
+    ends += np.stack([-out, out], axis=1)
+    slim = ~housings
+    slim[-GRIPPER_ROD_COUNT:] = False
+    radii[slim] *= _TUBE_SHARE
+    return Rods(ends=ends, radii=radii, housings=housings)
 
 
 def gripper_rods(q: ArrayLike, arm: Arm) -> Rods:
     """Return the gripper alone at joint angles [rad], shape [joint]."""
     rods = arm_rods(q, arm)
-    return Rods(ends=rods.ends[-GRIPPER_ROD_COUNT:], radii=rods.radii[-GRIPPER_ROD_COUNT:])
+    chosen = slice(-GRIPPER_ROD_COUNT, None)
+    return Rods(ends=rods.ends[chosen], radii=rods.radii[chosen])
 
 
 def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.integer]]:
@@ -193,11 +219,15 @@ def hatched_circle(center_xy: ArrayLike, radius: float, height: float) -> Array:
     return np.concatenate([circle(center, radius, height), level(ends, height)])
 
 
-def target_marks(xy: Array, height: float) -> Array:
-    """Return two rings and a cross at a target [m], shape [segment, 2, 3]."""
-    arm = np.array([[[0.06, 0.0]], [[0.0, 0.06]]])
+def target_marks(xy: Array, height: float, within: float = 0.0) -> Array:
+    """Return a cross at a target and a ring of its tolerance [m], shape [segment, 2, 3].
+
+    Without a tolerance the ring is as large as is seen well.
+    """
+    radius = within or _RING_RADIUS
+    arm = max(1.5 * radius, _CROSS) * np.array([[[1.0, 0.0]], [[0.0, 1.0]]])
     cross = level(xy + arm * [[-1.0], [1.0]], height)
-    return np.concatenate([circle(xy, 0.02, height), circle(xy, 0.045, height), cross])
+    return np.concatenate([circle(xy, radius, height), cross])
 
 
 def table_lines(setup: Setup, step: float, height: float) -> Array:
@@ -235,7 +265,9 @@ def viewpoint(
     depth = table.y_max - near
     # The band of the picture that the table fills.
     low, high = (0.24, 0.97) if panel and aspect <= 1.0 else (-0.95, 0.95)
-    tan, sin, cos = np.tan(_FOV / 2), np.sin(_ELEVATION), np.cos(_ELEVATION)
+    # On a phone the width is what is short: seen from above the table is taller.
+    elevation = _ELEVATION_NARROW if panel and aspect <= 1.0 else _ELEVATION
+    tan, sin, cos = np.tan(_FOV / 2), np.sin(elevation), np.cos(elevation)
     # Distance along the view of the near edge: it fits the width, and both edges the band.
     first = max(
         x / (0.97 * tan * max(aspect, 0.2)),

@@ -13,10 +13,10 @@ from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.look import ShownCast
 from cablecast.view.scene import EXPECTED_SHARE, FIGURE_COLORS
-from cablecast.view.shapes import MAP_COLORS, MAP_FULL_SHARE
+from cablecast.view.shapes import GREEN, INK, MAP_COLORS, MAP_FULL_SHARE, VERMILLION
 from cablecast.view.worker import WorkState
 
-_ROWS = 5  # Tries in the table; the others can be chosen from the list below it.
+_ROWS = 5  # Tries at any target in the table; the others can be chosen from the list below it.
 _WORTH_SAYING = 0.1  # Chance of a cast without a landing that is worth a line.
 
 # The first three are the steps of `prepare_aim`.
@@ -119,22 +119,25 @@ def _landing_text(proposal: Proposal, desk: Desk) -> str:
         rows += [
             ("missed by", _length_text(last.miss_pct, length)),
             ("error of the forecast", _length_text(off, length)),
-            ("green ellipse", f"landed {'in' if inside else 'out'}side, as {often} of ten do"),
+            ("purple ellipse", f"landed {'in' if inside else 'out'}side, as {often} of ten do"),
         ]
     return markdown_table((f"try {proposal.try_number}", ""), rows)
 
 
 def tries_text(desk: Desk) -> str:
-    """Return the last tries as a table."""
-    rows = []
-    for one in desk.tries[-_ROWS:]:
+    """Return the last tries, and all at the target of the plan, as a table."""
+    rows, preview = [], desk.preview
+    here = None if preview is None else preview.proposal.goal.value
+    for one in desk.tries:
+        if one not in desk.tries[-_ROWS:] and (here is None or not one.is_at(here)):
+            continue
         miss = one.status.code.replace("_", " ")
         if math.isfinite(one.miss_pct):
             miss = _length_text(one.miss_pct, desk.setup.cable.length)
         if desk.is_undone(one):
             miss = f"~~{miss}~~"
         if one.hit:
-            miss = f"**{miss}**"
+            miss = f'<span style="color: rgb{GREEN}">✓ **{miss}**</span>'
         rows.append((f"{one.try_number}", place_text(one.target_xy), miss))
     return markdown_table(("try", "target", "miss"), rows)
 
@@ -142,6 +145,23 @@ def tries_text(desk: Desk) -> str:
 def try_name(one: Cast) -> str:
     """Return the name of a try in a list."""
     return f"{one.number}: {place_text(one.target_xy)}, try {one.try_number}"
+
+
+def colors_text() -> str:
+    """Return what the colours on the table mean, as HTML."""
+    rows = (
+        (FIGURE_COLORS["measured"], "the cable as it was seen"),
+        (FIGURE_COLORS["plan"], "the plan, and where nine of ten land"),
+        (VERMILLION, "target, and its tolerance"),
+        (GREEN, "hit"),
+        (INK, "miss"),
+    )
+    items = "".join(
+        f'<span style="white-space: nowrap"><span style="color: rgb{color}">■</span> {words}</span>'
+        for color, words in rows
+    )
+    style = "display: flex; flex-wrap: wrap; gap: 0 1em; margin: 0 1em 0.5em; font-size: 0.8em"
+    return f'<div style="{style}">{items}</div>'
 
 
 def legend_text(length: float) -> str:
