@@ -1,10 +1,14 @@
 """The meshes of a robot description, against the DH frames of the set-up's arm."""
 
+import pathlib
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cablecast.arm.description import arm_from_dict
 from cablecast.arm.ur import ArmUR
+from cablecast.cli.view import _own_meshes
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath
 from cablecast.setup import Setup
@@ -96,6 +100,24 @@ def test_a_file_that_is_no_arm_is_refused(tmp_path, change, said):
     path = written(tmp_path, change(description(ArmUR())))
     with pytest.raises(InputError, match=said):
         ArmMeshes(path, ArmUR())
+
+
+def test_the_meshes_of_a_lab_file_s_own_arm_are_found_in_its_package():
+    data = pytest.importorskip("pybullet_data")
+    urdf = pathlib.Path(data.getDataPath()) / "franka_panda" / "panda.urdf"
+    arm = arm_from_dict({"file": str(urdf), "tip": "panda_link8", "gripper_length": 0.17})
+    # Seven links, the foot, the hand and two fingers.
+    assert len(ArmMeshes(urdf, arm).pieces) == 11
+
+
+def test_a_lab_file_whose_arm_has_no_meshes_is_drawn_with_shapes(tmp_path):
+    lab = tmp_path / "lab.yaml"
+    lab.write_text("arm: {file: arm.xml, tip: link6}\n")
+    written(tmp_path, description(ArmUR(), mesh=""))
+    assert _own_meshes(lab, Setup()) is None
+    written(tmp_path, description(ArmUR()))
+    assert _own_meshes(lab, Setup()) == tmp_path / "arm.xml"
+    assert _own_meshes(None, Setup()) is None
 
 
 def test_an_arm_without_meshes_is_refused(tmp_path):

@@ -38,6 +38,9 @@ RECONNECTED = 300_000
 # A pixel in the middle of the table is 4 mm wide; the page shows the target to a millimetre.
 POINTING = 0.01
 
+# What a finger touches is as high as this at least [pixel].
+FINGER = 44
+
 # Between the blue of the map, half transparent over the table, and the table [of 255].
 MAP_BLUENESS = 30
 
@@ -137,6 +140,7 @@ def test_a_finger_taps_a_target_and_the_panel_is_as_wide_as_the_phone(browser, s
     assert np.linalg.norm(page.target() - TARGET) < POINTING
     box = page.button("Cast").bounding_box()
     assert box["width"] > 0.9 * 390
+    assert page.button("Plan").bounding_box()["height"] >= box["height"] >= FINGER
     page.tab.context.close()
 
 

@@ -139,7 +139,7 @@ def test_a_cast_that_is_not_worth_making_is_said_after_the_one_before(desk, own)
         desk.cast(desk.correct() if desk.tries else desk.preview)
         desk.look_ahead()
         assert desk.phase is phase
-    assert "would hit it with a chance of" in status_text(desk, WorkState())
+    assert "to hit it: most likely" in status_text(desk, WorkState())
     # All the same, a person may.
     desk.session.stop = lambda proposal: None
     assert desk.correct().proposal.try_number == 3
@@ -164,7 +164,7 @@ def test_what_was_said_before_a_hit_is_forgotten_and_stays_off_other_targets(des
     own.offset = np.zeros(2)
     desk.session.stop = stop_at
     desk.aim(TARGET)
-    assert "would hit it with a chance of" in desk.stop
+    assert "to hit it: most likely" in desk.stop
     assert desk.cast(desk.preview).hit
     desk.look_ahead()
     assert desk.stop == ""

@@ -14,6 +14,7 @@ from cablecast.view.shapes import (
     map_targets,
     miss_map,
     ribbon,
+    target_marks,
     text_image,
     thinned,
     tube,
@@ -44,6 +45,31 @@ def test_the_arm_ends_at_the_grip():
     tip = arm_rods(q, setup.arm).ends[-1, 1]
     # The cable leaves the fingers in front of the flange's axis.
     assert np.linalg.norm(tip - [0.2, 0.6, 0.02]) == pytest.approx(setup.arm.grip_offset, abs=1e-9)
+
+
+def test_short_links_are_housings_that_stand_out_and_long_ones_are_slimmer_tubes():
+    arm = Setup().arm
+    q = arm.inverse(np.array([[0.2, 0.6, 0.02, 0.1, 0.0]]))[0]
+    links, drawn = arm.links(arm.frames(q[None])), arm_rods(q, arm)
+    names = np.array([*links.names, "palm", "fingers"])
+    assert {"upper arm", "forearm"} == set(names[~drawn.housings]) - {"palm", "fingers"}
+    length, plain = (
+        np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[: len(links.names)]
+        for ends in (drawn.ends, links.ends[0])
+    )
+    moving = np.arange(len(links.names)) >= 2
+    housings = drawn.housings[: len(links.names)]
+    assert np.all(length[housings & moving] > plain[housings & moving])
+    np.testing.assert_allclose(length[~moving], plain[~moving])
+    assert np.all(drawn.radii[: len(links.names)][~housings] < links.drawn[~housings])
+    # Balls round the others off.
+    assert len(drawn.joints[1]) == 2 * np.sum(~drawn.housings)
+
+
+def test_a_target_has_a_ring_of_its_tolerance():
+    rings = target_marks(np.array([0.3, 1.1]), 0.004, 0.019)
+    away = np.linalg.norm(rings[:48, 0, :2] - [0.3, 1.1], axis=-1)
+    np.testing.assert_allclose(away, 0.019)
 
 
 def test_a_thin_cable_is_drawn_as_a_tube_that_can_be_seen():

@@ -2,7 +2,14 @@ import numpy as np
 
 from cablecast.runs.progress import Progress
 from cablecast.view.desk import Desk
-from cablecast.view.words import legend_text, plan_text, status_text, tour_text, tries_text
+from cablecast.view.words import (
+    colors_text,
+    legend_text,
+    plan_text,
+    status_text,
+    tour_text,
+    tries_text,
+)
 from cablecast.view.worker import Worker, WorkState
 
 TARGET = np.array([0.3, 1.15])
@@ -29,6 +36,24 @@ def test_a_plan_and_its_cast_are_stated_in_the_units_of_a_person(desk, own):
     assert f"Landed: {100 * miss:.1f} cm ({miss_pct:.1f} %)" in status_text(desk, IDLE)
     desk.undo()
     assert f"~~{100 * miss:.1f} cm ({miss_pct:.1f} %)~~" in tries_text(desk)
+
+
+def test_a_hit_is_marked_and_all_tries_at_the_target_are_in_the_table(desk, own):
+    own.offset = np.array([0.05, 0.0])
+    for _ in range(7):
+        desk.cast(desk.aim(TARGET))
+    assert tries_text(desk).count("1.19 m, 15°") == 7
+    first, second = tries_text(desk).splitlines()[2:4]
+    assert "✓" not in first
+    # Corrections bring it onto the target.
+    assert "✓ **" in second
+    desk.cast(desk.aim(TARGET * [-1, 1]))
+    # Of tries at other targets there are the last few.
+    assert tries_text(desk).count("1.19 m, 15°") == 4
+
+
+def test_the_legend_of_colours_names_a_hit_and_a_miss():
+    assert all(f"■</span> {words}</span>" in colors_text() for words in ("hit", "miss"))
 
 
 def test_work_under_way_says_how_far_it_is(desk):

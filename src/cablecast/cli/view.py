@@ -3,12 +3,15 @@
 import dataclasses
 import os
 import pathlib
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from cablecast.aiming.config import AimConfig
 from cablecast.cli.options import CableName, LabFile, RigName, TimeLimit, argument
+
+if TYPE_CHECKING:
+    from cablecast.setup import Setup
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -33,7 +36,9 @@ class View(AimConfig):
     """Address to listen on; 0.0.0.0 lets every computer in the network in, without a password."""
     port: int = 8080
     """Port to listen on; the next free one if it is taken."""
-    arm_meshes: Annotated[pathlib.Path | None, argument("FILE", "simple shapes")] = None
+    arm_meshes: Annotated[
+        pathlib.Path | None, argument("FILE", "those of the lab file's arm, or simple shapes")
+    ] = None
     """MJCF or URDF file of your arm, whose meshes are drawn instead of simple shapes."""
 
     def run(self) -> None:
@@ -49,6 +54,7 @@ class View(AimConfig):
         check_count("port", self.port, 1, 65535)
         setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
+        meshes = self.arm_meshes or _own_meshes(self.setup, setup)
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
             serve(
                 rig,
@@ -56,6 +62,23 @@ class View(AimConfig):
                 config=AimConfig.of(self),
                 host=self.host,
                 port=self.port,
-                arm_meshes=self.arm_meshes,
+                arm_meshes=meshes,
                 ready=lambda at: print(f"the page is at {at} (Ctrl-C ends it)", flush=True),
             )
+
+
+def _own_meshes(lab_file: pathlib.Path | None, setup: "Setup") -> pathlib.Path | None:
+    """Return the description of the arm that a lab file names, if its meshes can be drawn."""
+    from cablecast.errors import CablecastError
+    from cablecast.files import read_yaml
+    from cablecast.view.arm_meshes import ArmMeshes
+
+    arm = {} if lab_file is None else read_yaml(lab_file).get("arm")
+    if lab_file is None or not isinstance(arm, dict) or "file" not in arm:
+        return None
+    path = lab_file.parent / str(arm["file"])
+    try:
+        ArmMeshes(path, setup.arm)
+    except CablecastError:
+        return None
+    return path

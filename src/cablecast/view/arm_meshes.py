@@ -135,11 +135,24 @@ def _compile(path: pathlib.Path) -> tuple[Any, Any]:
         raise InputError(f"{path} is not a file")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
+        for mesh in spec.meshes:
+            mesh.file = _found_mesh(mesh.file, path.resolve().parent)
         # A URDF has meshes to show beside those to collide with.
         spec.compiler.discardvisual = False
         return mujoco, spec.compile()
     except (ValueError, OSError) as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from error
+
+
+def _found_mesh(file: str, folder: pathlib.Path) -> str:
+    """Return the path of a mesh that a URDF gives as package://NAME/PATH; others as they are."""
+    name = file.partition("package:")[2].lstrip("/")
+    if not name:
+        return file
+    # The package may be the folder of the file, or a folder above it.
+    within = name.partition("/")[2]
+    places = [folder / name, *(above / within for above in (folder, *folder.parents))]
+    return str(next((place for place in places if place.is_file()), file))
 
 
 def _joint(mujoco: Any, model: Any, name: str, path: pathlib.Path) -> int:
