@@ -28,7 +28,7 @@ def test_one_trial_alone_is_that_of_a_dataset_of_its_own(dataset):
     first = int(np.argmin(lengths))
     order = np.r_[first, np.delete(np.arange(len(dataset)), first)]
     ordered = dataset.rows(order)
-    own, alone = MeasuredTracks.from_dataset(ordered, count=1), every.alone(first)
+    own, alone = MeasuredTracks.from_dataset(ordered.rows([0])), every.alone(first)
     assert alone.times.shape[1] < every.times.shape[1]
     for name in ("times", "endpoint_xy", "final_xy", "status", "actions"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(own, name))
@@ -111,6 +111,16 @@ def test_the_reported_joints_are_simulated_where_there_are_any(dataset):
     at = np.linspace(0.2, 1.2, 30)
     late = tracks.grip_path.evaluate(at)[..., :2]
     np.testing.assert_allclose(late, commanded.evaluate(at - 0.1)[..., :2], atol=FIT)
+    # One trial without them takes nothing from the others.
+    times[1] = q[1] = None
+    with pytest.warns(UserWarning, match="1 of .* no measured motion, first trial 1: their comm"):
+        mixed = MeasuredTracks.from_dataset(with_extra(dataset, actual_times=times, actual_q=q))
+    assert mixed.path_source == "mixed"
+    np.testing.assert_allclose(
+        mixed.grip_path.evaluate(at)[[0, 1], :, :2],
+        [late[0], commanded[1:2].evaluate(at)[0, :, :2]],
+        atol=1e-9,
+    )
 
 
 def test_datasets_that_cannot_be_compared_are_refused(dataset):
@@ -121,7 +131,5 @@ def test_datasets_that_cannot_be_compared_are_refused(dataset):
         MeasuredTracks.from_dataset(dataset, path_source="measured")
     with pytest.raises(InputError, match="one of auto, commanded, measured"):
         MeasuredTracks.from_dataset(dataset, path_source="guessed")
-    with pytest.raises(DatasetError, match="trials, not 99"):
-        MeasuredTracks.from_dataset(dataset, count=99)
-    with pytest.raises(InputError, match="count = 0"):
-        MeasuredTracks.from_dataset(dataset, count=0)
+    with pytest.raises(DatasetError, match="has no trials"):
+        MeasuredTracks.from_dataset(dataset.rows([]))

@@ -466,7 +466,7 @@ class AimSession:
             return self.predictor
         key = (self.predictor, tuple(rows), tuple(target_xy))
         if self._local is None or self._local[0] != key:
-            tracks = MeasuredTracks.from_dataset(self.store.dataset(rows))
+            tracks = MeasuredTracks.of_casts([self.store.casts[row] for row in rows], self.setup)
             self._local = key, self.predictor.near(target_xy, tracks)
         return self._local[1]
 

@@ -2,21 +2,25 @@
 
 import dataclasses
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
-from cablecast.cast import TrialStatus
+from cablecast.cast import Cast, TrialStatus
 from cablecast.data.dataset import Dataset
+from cablecast.data.store import dataset_cast
 from cablecast.engines.base import CableState, Engine, reset_state
-from cablecast.errors import DatasetError, InputError, check_count
+from cablecast.errors import DatasetError, InputError
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.measured import grip_path_from_joints, grip_path_from_poses
+from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
 PATH_SOURCES = ("auto", "commanded", "measured")
+_SOURCES = ("commanded", "mixed", "measured")
 
 _GRIDS = (0.1, 0.05, 0.02, 0.01)
 _GRID_TOLERANCE = 1e-6
@@ -35,7 +39,7 @@ class MeasuredTracks:
             rest on the table or was not seen there.
         status: Status codes of the trials, shape [trial].
         actions: Actions of the trials, shape [trial, 4].
-        path_source: Origin of the grip path, "commanded" or "measured".
+        path_source: Origin of the grip paths: "commanded", "measured", or "mixed".
     """
 
     grip_path: GripPath
@@ -97,61 +101,78 @@ class MeasuredTracks:
         return _GRIDS[-1]
 
     @classmethod
-    def from_dataset(
-        cls, dataset: Dataset, *, path_source: str = "auto", count: int | None = None
-    ) -> "MeasuredTracks":
-        """Return the tracks of a dataset that a rig recorded.
+    def from_dataset(cls, dataset: Dataset, *, path_source: str = "auto") -> "MeasuredTracks":
+        """Return the tracks of a dataset that a rig recorded; see `of_casts`.
 
-        A trial that left the table is compared up to the last sample before the endpoint fell,
+        Raises:
+            DatasetError: The dataset holds no tracks.
+        """
+        casts = [dataset_cast(dataset, row) for row in range(len(dataset))]
+        return cls.of_casts(
+            casts, dataset.setup, path_source, name=str(dataset.path or "the dataset")
+        )
+
+    @classmethod
+    def of_casts(
+        cls,
+        casts: Sequence[Cast],
+        setup: Setup,
+        path_source: str = "auto",
+        *,
+        name: str = "the session",
+    ) -> "MeasuredTracks":
+        """Return the tracks of casts on a rig.
+
+        A cast that left the table is compared up to the last sample before the endpoint fell,
         since the simulated table has no edge. Samples in which the endpoint was not seen are not
         compared. Neither is the start, where simulation and rig are in the reset state.
 
         Args:
-            dataset: Trials with the columns times, track_x and track_y.
-            path_source: "commanded", "measured", or "auto": measured if the dataset has it.
-            count: Number of trials to use, from the first one; all if None.
+            casts: Casts.
+            setup: Set-up that they were made with.
+            path_source: Motion of the gripper: "commanded", "measured", or "auto": measured for
+                each cast of which the rig reported it, else commanded.
+            name: What the casts are called in errors.
 
         Raises:
-            DatasetError: The dataset holds no tracks, or fewer than requested.
-            InputError: The path source is unknown, or the count is not positive.
+            DatasetError: There are no casts, or the motion of one is not known.
+            InputError: The path source is unknown.
         """
         if path_source not in PATH_SOURCES:
             raise InputError(f"path source {path_source!r}: one of {', '.join(PATH_SOURCES)}")
-        count = len(dataset) if count is None else check_count("count", count)
-        if count > len(dataset) or count == 0:
-            name = str(dataset.path or "the dataset")
-            raise DatasetError(f"{name} has {len(dataset)} trials, not {max(count, 1)}")
-        tracks = [dataset.track(row) for row in range(count)]
-        workspace = dataset.setup.workspace
+        if not casts:
+            raise DatasetError(f"{name} has no trials")
+        tracks = [cast.track for cast in casts]
         sample_max = max(len(track.times) for track in tracks)
-        times = np.empty((count, sample_max))
-        xy = np.full((count, sample_max, 2), np.nan)
+        times = np.empty((len(casts), sample_max))
+        xy = np.full((len(casts), sample_max, 2), np.nan)
         for row, track in enumerate(tracks):
             length = len(track.times)
             times[row, :length], times[row, length:] = track.times, track.times[-1]
             xy[row, :length] = track.endpoint_xy
             if track.status is TrialStatus.OFF_TABLE:
-                xy[row, _fallen_from(track.endpoint_xy, workspace) :] = np.nan
+                xy[row, _fallen_from(track.endpoint_xy, setup.workspace) :] = np.nan
             elif track.status in (TrialStatus.NON_FINITE, TrialStatus.ABORTED):
                 xy[row] = np.nan
         xy[times <= 0.0] = np.nan
+        missing = [row for row, cast in enumerate(casts) if not _has_measured_motion(cast)]
+        is_measured = np.full(len(casts), path_source != "commanded")
         if path_source == "auto":
-            missing = [row for row in range(len(dataset)) if not has_measured_motion(dataset, row)]
-            path_source = "commanded" if missing else "measured"
-            if 0 < len(missing) < len(dataset):
+            is_measured[missing] = False
+            if 0 < len(missing) < len(casts):
                 warnings.warn(
-                    f"{len(missing)} of {len(dataset)} trials have no measured motion, first trial "
-                    f"{missing[0]}: the commanded motion of all is taken",
+                    f"{len(missing)} of {len(casts)} trials have no measured motion, first trial "
+                    f"{missing[0]}: their commanded motion is taken",
                     stacklevel=2,
                 )
         return cls(
-            path_source=path_source,
-            grip_path=_grip_paths(dataset, count, path_source),
+            path_source=_SOURCES[int(is_measured.all()) + int(is_measured.any())],
+            grip_path=_grip_paths(casts, setup, is_measured, name),
             times=times,
             endpoint_xy=xy,
             final_xy=np.array([track.final_xy for track in tracks]),
-            status=dataset.status[:count],
-            actions=dataset.actions[:count],
+            status=np.array([track.status.code for track in tracks]),
+            actions=np.array([cast.sweep for cast in casts]),
         )
 
 
@@ -172,27 +193,29 @@ def has_measured_joints(dataset: Dataset) -> bool:
     return all(dataset.measured_joints(row) is not None for row in range(len(dataset)))
 
 
-def has_measured_motion(dataset: Dataset, row: int) -> bool:
-    """Return whether the joints of a trial were reported, or its grip tracked."""
-    return dataset.measured_joints(row) is not None or dataset.measured_poses(row) is not None
+def _has_measured_motion(cast: Cast) -> bool:
+    """Return whether the joints of a cast were reported, or its grip tracked."""
+    return cast.track.joint_path is not None or cast.grip is not None
 
 
-def _grip_paths(dataset: Dataset, count: int, source: str) -> GripPath:
-    """Return the commanded or the measured motions of the first trials."""
-    if source == "commanded":
-        if np.any(missing := ~np.all(np.isfinite(dataset.actions[:count]), axis=1)):
-            name = str(dataset.path or "the dataset")
-            raise DatasetError(f"{name} holds no action of trial {int(np.argmax(missing))}")
-        return cast_grip_paths(dataset.actions[:count], dataset.setup)
-    paths, arm = [], dataset.setup.arm
-    for row in range(count):
-        joints, poses = dataset.measured_joints(row), dataset.measured_poses(row)
-        if joints is not None:
-            paths.append(grip_path_from_joints(joints, arm))
-        elif poses is not None:
-            paths.append(grip_path_from_poses(*poses))
+def _grip_paths(
+    casts: Sequence[Cast], setup: Setup, is_measured: NDArray[np.bool_], name: str
+) -> GripPath:
+    """Return the measured motions of some casts, and the commanded ones of the others."""
+    for row in np.flatnonzero(~is_measured).tolist():
+        if not np.all(np.isfinite(casts[row].sweep)):
+            raise DatasetError(f"{name} holds no action of trial {row}")
+    if not is_measured.any():
+        return cast_grip_paths(np.array([cast.sweep for cast in casts]), setup)
+    paths = []
+    for row, cast in enumerate(casts):
+        if not is_measured[row]:
+            paths.append(cast_grip_paths(cast.sweep[None], setup))
+        elif cast.track.joint_path is not None:
+            paths.append(grip_path_from_joints(cast.track.joint_path, setup.arm))
+        elif cast.grip is not None:
+            paths.append(grip_path_from_poses(*cast.grip))
         else:
-            name = str(dataset.path or "the dataset")
             raise DatasetError(f"{name} holds no measured joints of trial {row}")
     return GripPath.stack(paths)
 
