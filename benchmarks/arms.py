@@ -16,9 +16,9 @@ import numpy as np
 
 import cablecast as cc
 from benchmarks.result import LEARNING, Table, code_key
-from cablecast.aiming.session import SimulatorConfig
 from cablecast.arm.description import arm_from_dict
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.pipeline.aim import SimulatorConfig
 from cablecast.workspace import Workspace
 
 ARMS: dict[str, tuple[dict[str, Any], dict[str, float], float]] = {

@@ -33,7 +33,7 @@ from cablecast.motion.action import ACTION_SIZE
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
-from cablecast.tuning.tuned import distance_summary
+from cablecast.tuning.tune import distance_summary
 
 FACTOR_MAX = 1.5
 """Largest ratio between our scatter and the published one, either way."""

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 
 import cablecast as cc
 from benchmarks.result import LEARNING, Table, code_key, plain
-from cablecast.aiming.session import SimulatorConfig
 from cablecast.arm.ur import ARM_MODELS
 from cablecast.cable import KIND_NAMES
 from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions, uniform_actions, widest_ranges
+from cablecast.pipeline.aim import SimulatorConfig
 from cablecast.report.words import stop_text
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.folder import Parts

@@ -325,7 +325,7 @@ class Place:
             return functools.partial(planned_misses, self.policy(method, count))
         session = self.session(count)
         if method == "one simulator" and session.model.tuned is not None:
-            tuned = dataclasses.replace(session.model.tuned, ensemble=None)
+            tuned = dataclasses.replace(session.model.tuned, members=())
             session.use(dataclasses.replace(session.model, tuned=tuned))
         return functools.partial(aimed_misses, session, full_gain=method == "full gain")
 

@@ -64,7 +64,7 @@ def cast_again(place: Place, args: ScatterArgs) -> list[dict[str, Any]]:
             predictor = session.predictor
             proposal = session.propose(target)
             action, side = mirror_to_right(proposal.action.to_array()[None])
-            found = predictor.ensemble.evaluate(action, side)
+            found = predictor.ensemble.landings(action, side)
             luck = Luck(place.rig, 100_000 + 100 * index)
             landings = np.array(equal_casts(luck, proposal.trajectory, args.repeats)) / length
             row = {

@@ -6,29 +6,28 @@ import numpy as np
 import pytest
 from tests.aiming.formula_rig import LENGTH, SETUP, make_policy
 
-from cablecast.aiming.ensemble import (
-    FACTORS,
-    OWN_MISS,
-    SPREAD_FACTOR,
-    USUAL_DISTANCES,
-    EnsembleLandings,
-    LandingEstimate,
-    estimate_landings,
-    miss_factor,
-    miss_sizes,
-)
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import NEXT_NEAR, expected_loss, propose
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
-from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.action import action_rows, mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.task import LANDING
+from cablecast.tuning.landings import (
+    FACTORS,
+    OWN_MISS,
+    SPREAD_FACTOR,
+    USUAL_DISTANCES,
+    LandingEstimate,
+    estimate_landings,
+    miss_factor,
+    miss_sizes,
+)
+from cablecast.tuning.tuned import Tuned
 
-COARSE, FINE = EngineWarp(12, 2e-3), EngineWarp(20, 1e-3)
+COARSE, FINE = (12, 2e-3), (20, 1e-3)
 ACTIONS = mirror_to_right(feasible_uniform(3, SETUP, seed=5))[0]
 
 
@@ -53,7 +52,19 @@ def estimate_of(tracks, friction_xy=((0.0, 1.0), (0.0, 1.0)), expected=None):
 
 def predictor_of(policy, ensemble=None):
     """Return the predictor of a policy before any cast."""
-    return LandingPredictor.of(dataclasses.replace(Beliefs.of(policy), ensemble=ensemble))
+    predictor = LandingPredictor.of(Beliefs(policy=policy))
+    return dataclasses.replace(predictor, ensemble=ensemble)
+
+
+def simulators(members, best, coarse=COARSE, fine=FINE):
+    """Return simulators of cables of which nothing else is known."""
+    return Tuned(
+        setup=SETUP,
+        dynamics=best,
+        members=tuple(members),
+        resolution=fine,
+        member_resolution=coarse,
+    )
 
 
 def goal_at(xy):
@@ -72,7 +83,7 @@ class _Assumed:
     def __init__(self, model=None, shift=(0.0, 0.0), leaves_from=-10.0):
         self.model, self.shift, self.leaves_from = model, np.array(shift), leaves_from
 
-    def evaluate(self, actions, side=None):
+    def landings(self, actions, side, task):
         spreads = np.where(actions[:, 0] > -0.5, 0.02, 0.2)
         landing_xy = np.full((len(actions), 2), np.nan)
         if self.model is not None:
@@ -88,8 +99,8 @@ class _Assumed:
 class _Sliding(_Assumed):
     """Casts that swing back by 0.5 rad or more slide far: friction moves their landings."""
 
-    def evaluate(self, actions, side=None):
-        found = super().evaluate(actions, side)
+    def landings(self, actions, side, task):
+        found = super().landings(actions, side, task)
         slides = np.where(actions[:, 0] > -0.5, 0.05, 2.0)
         return dataclasses.replace(found, frictions=slides, spreads=np.full(len(actions), 0.02))
 
@@ -108,7 +119,7 @@ def ensemble():
         Dynamics(params=slippery),
         Dynamics(params=dataclasses.replace(params, drag_coefficient=1.1)),
     ]
-    return EnsembleLandings(SETUP, members, COARSE, members[0], FINE)
+    return simulators(members, members[0])
 
 
 def test_expected_landing_and_spread():
@@ -162,19 +173,19 @@ def test_it_counts_the_simulators_in_which_the_free_end_leaves_the_table():
 
 
 def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
-    first = ensemble.evaluate(ACTIONS)
+    first = ensemble.landings(ACTIONS)
     simulated = []
-    tracks = ensemble.tracks
+    tracks = Tuned.tracks
 
-    def counted(actions, side, members, engine=COARSE):
-        simulated.append((engine, len(members), len(actions)))
-        return tracks(actions, side, members, engine)
+    def counted(self, actions, side, members, engine=None):
+        simulated.append((engine is self.engine, len(members), len(actions)))
+        return tracks(self, actions, side, members, engine)
 
-    monkeypatch.setattr(ensemble, "tracks", counted)
+    monkeypatch.setattr(Tuned, "tracks", counted)
     new = np.concatenate([ACTIONS[::-1], NEW, NEW])
-    again = ensemble.evaluate(new)
+    again = ensemble.landings(new)
     # The best; three simulators, and the first with less and more friction.
-    assert sorted(simulated, key=lambda one: one[1]) == [(FINE, 1, 1), (COARSE, 5, 1)]
+    assert sorted(simulated, key=lambda one: one[1]) == [(True, 1, 1), (False, 5, 1)]
     np.testing.assert_array_equal(again.landing_xy[:3], first.landing_xy[::-1])
     np.testing.assert_array_equal(again.sizes[:3], first.sizes[::-1])
     np.testing.assert_array_equal(again.leaving[:3], first.leaving[::-1])
@@ -183,11 +194,11 @@ def test_what_was_simulated_once_is_not_simulated_again(ensemble, monkeypatch):
 
 @pytest.mark.parametrize("target", [(0.3, 1.1), (-0.3, 1.1), (0.1, 1.2)])
 def test_of_casts_to_one_place_those_are_chosen_that_friction_hardly_moves(policy, target):
-    beliefs = dataclasses.replace(Beliefs.of(policy), ensemble=_Sliding(policy.model))
-    proposal = propose(LandingPredictor.of(beliefs), goal_at(target))
+    predictor = predictor_of(policy, _Sliding(policy.model))
+    proposal = propose(predictor, goal_at(target))
     assert abs(proposal.action.theta1) < 0.5
     # Equal casts of the others scatter by more than a hit allows.
-    wild = LandingPredictor.of(beliefs).predict([[-0.7, 0.6, 0.55, 1.0, 1.0]])[2]
+    wild = predictor.predict([[-0.7, 0.6, 0.55, 1.0, 1.0]])[2]
     assert proposal.expected.scatter < 0.01 * LENGTH < 0.03 * LENGTH < wild[0]
 
 
@@ -199,14 +210,14 @@ def test_where_only_wild_casts_reach_one_is_made_all_the_same():
 
 def test_the_expected_landing_is_that_at_full_resolution(ensemble, policy):
     first = ensemble.members[:1]
-    fine = EnsembleLandings(SETUP, first, FINE, first[0], FINE).tracks(ACTIONS)[0, :, -1]
-    said = ensemble.evaluate(ACTIONS)
+    fine = simulators(first, first[0], FINE).tracks(ACTIONS)[0, :, -1]
+    said = ensemble.landings(ACTIONS)
     np.testing.assert_allclose(said.landing_xy, fine, rtol=0, atol=1e-12)
     assert np.all(said.sizes > OWN_MISS)
     # Whatever the network says of it.
     expected, _, _ = predictor_of(policy, ensemble).predict(ACTIONS)
     np.testing.assert_allclose(expected, fine, rtol=0, atol=1e-9)
-    alone = EnsembleLandings(SETUP, first, COARSE, first[0], COARSE).evaluate(ACTIONS)
+    alone = simulators(first, first[0], COARSE, COARSE).landings(ACTIONS)
     np.testing.assert_allclose(alone.sizes, OWN_MISS)
 
 
@@ -241,25 +252,25 @@ def test_the_friction_moves_landings_as_two_simulators_say(ensemble):
     for factor in np.exp([-0.08, 0.08]):
         params = dataclasses.replace(first.params, lateral_friction=friction * factor)
         one = Dynamics(params=params)
-        other = EnsembleLandings(SETUP, [one], COARSE, one, FINE)
+        other = simulators([one], one)
         ends.append(other.tracks(ACTIONS)[0, :, -1])
     expected = np.linalg.norm(ends[1] - ends[0], axis=1) / LENGTH / 0.16
-    np.testing.assert_allclose(ensemble.evaluate(ACTIONS).frictions, expected)
+    np.testing.assert_allclose(ensemble.landings(ACTIONS).frictions, expected)
     assert np.all(expected > 0.1)
 
 
 def test_a_curled_cable_is_simulated_on_the_side_that_it_is_cast_to():
     curled = Dynamics(params=SETUP.cable.with_params(rest_curvature=0.6 / LENGTH).params)
-    ensemble = EnsembleLandings(SETUP, [curled], COARSE, curled, COARSE)
+    ensemble = simulators([curled], curled, COARSE, COARSE)
     side = np.array([1.0, -1.0, -1.0])
     seen = ensemble.tracks(ACTIONS, side)[0, :, -1]
     paths = cast_grip_paths(mirror_actions(ACTIONS, side), SETUP)
-    real = curled.rollout(ensemble.engine, SETUP, paths).endpoint_xy[:, -1]
+    real = curled.rollout(ensemble.member_engine, SETUP, paths).endpoint_xy[:, -1]
     np.testing.assert_allclose(mirror_xy(seen, side), real, rtol=0, atol=1e-3)
-    said = ensemble.evaluate(ACTIONS, side)
+    said = ensemble.landings(ACTIONS, side)
     np.testing.assert_allclose(said.landing_xy, seen, rtol=0, atol=1e-9)
     # What is known of one side is not taken for the other.
-    other = ensemble.evaluate(ACTIONS, -side)
+    other = ensemble.landings(ACTIONS, -side)
     assert np.all(np.linalg.norm(other.landing_xy - said.landing_xy, axis=1) > 1e-3 * LENGTH)
 
 

@@ -8,15 +8,15 @@ from tests.aiming.casts import made_up_cast
 from tests.aiming.formula_rig import LENGTH, SETUP, make_policy
 
 import cablecast as cc
-from cablecast.aiming.ensemble import LandingEstimate
 from cablecast.aiming.predictor import _NEAR_COUNT, Beliefs, LandingPredictor
-from cablecast.aiming.session import LOCAL_COUNT, FittedModel, casts_near
+from cablecast.aiming.session import LOCAL_COUNT, casts_near
 from cablecast.data.record import collect_dataset
 from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.simulate import simulate_to_aim
 from cablecast.rigs.engine import RigEngine
 from cablecast.task import LANDING, Goal
+from cablecast.tuning.landings import LandingEstimate
 from cablecast.tuning.tracks import MeasuredTracks
 
 COARSE = {"segment_count": 10, "dt": 2e-3}
@@ -72,7 +72,7 @@ def lesson(slippery, tmp_path_factory):
 
 
 def session_of(tuned, *, fitted_count=0, **given):
-    model = FittedModel(policy=make_policy(), tuned=tuned, fitted_count=fitted_count)
+    model = Beliefs(policy=make_policy(), tuned=tuned, fitted_to=fitted_count)
     return cc.AimSession(model, config=cc.AimConfig(within_pct=0.01, tries=9), **given)
 
 
@@ -83,7 +83,7 @@ def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
     updated = ensemble.updated(MeasuredTracks.from_dataset(lesson))
     true = dataclasses.replace(ensemble.members[0], params=slippery.rig.dynamics.params)
     both = np.concatenate([ACTION, NEARBY])
-    true_xy = ensemble.tracks(both, members=[true])[0, :, -1]
+    true_xy = ensemble.tracks(both, simulators=[true])[0, :, -1]
     before, after = (
         np.linalg.norm(some.tracks(both)[:, :, -1] - true_xy, axis=-1)
         for some in (ensemble, updated)
@@ -96,11 +96,11 @@ def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(
 def test_landings_are_expected_where_the_fit_says_after_it_learned(tuned, lesson):
     ensemble = session_of(tuned).predictor.ensemble
     updated = ensemble.updated(MeasuredTracks.from_dataset(lesson))
-    best = updated.tracks(NEARBY, members=[updated.best], engine=updated.fine_engine)
+    best = updated.tracks(NEARBY, simulators=[updated.dynamics], engine=updated.engine)
     simulated = best[0, :, -1]
-    said = updated.evaluate(NEARBY).landing_xy
+    said = updated.landings(NEARBY).landing_xy
     np.testing.assert_allclose(said, simulated, rtol=0, atol=1e-12)
-    assert np.linalg.norm(said - ensemble.evaluate(NEARBY).landing_xy) > 0.001 * LENGTH
+    assert np.linalg.norm(said - ensemble.landings(NEARBY).landing_xy) > 0.001 * LENGTH
 
 
 def test_a_cast_of_which_nothing_was_seen_teaches_nothing(tuned, lesson):
@@ -111,7 +111,7 @@ def test_a_cast_of_which_nothing_was_seen_teaches_nothing(tuned, lesson):
 
 
 def test_a_predictor_without_simulators_stays_as_it_is(lesson):
-    predictor = LandingPredictor.of(Beliefs.of(make_policy()))
+    predictor = LandingPredictor.of(Beliefs(policy=make_policy()))
     assert predictor.near(TARGET, MeasuredTracks.from_dataset(lesson)) is predictor
 
 
@@ -133,7 +133,7 @@ class _Steady:
 
     factor = 1.0
 
-    def evaluate(self, actions, side=None):
+    def landings(self, actions, side, task):
         nothing = np.zeros(len(actions))
         return LandingEstimate(
             landing_xy=np.full((len(actions), 2), np.nan),
@@ -147,8 +147,8 @@ class _Steady:
 
 
 def test_a_predictor_for_one_target_has_the_nearest_casts_as_old_as_they_are(lesson):
-    beliefs = dataclasses.replace(Beliefs.of(make_policy()), ensemble=_Steady())
-    predictor = LandingPredictor.of(beliefs)
+    predictor = LandingPredictor.of(Beliefs(policy=make_policy()))
+    predictor = dataclasses.replace(predictor, ensemble=_Steady())
     actions = feasible_uniform(75, SETUP, seed=8)
     landings = predictor.predict(actions)[0]
     far = np.linalg.norm(landings - TARGET, axis=1)
@@ -197,17 +197,17 @@ def test_a_session_that_is_opened_again_plans_as_it_would_have(tuned, slippery, 
 
 
 def test_a_model_learns_from_the_first_simulator_without_its_curl(tuned):
-    first = tuned.ensemble.members[0]
+    first = tuned.members[0]
     straight = dataclasses.replace(first.params, damping_time=0.01, rest_curvature=0.0)
     curled = first.with_params(dataclasses.replace(straight, rest_curvature=0.3))
-    ensemble = dataclasses.replace(
-        tuned.ensemble, members=(curled, *tuned.ensemble.members[1:]), segment_count=12
+    other = dataclasses.replace(
+        tuned, members=(curled, *tuned.members[1:]), member_resolution=(12, 2e-3)
     )
-    casts = simulate_to_aim(SETUP, dataclasses.replace(tuned, ensemble=ensemble), count=50)
+    casts = simulate_to_aim(SETUP, other, count=50)
     settings = casts.info["settings"]
     assert settings["engine"]["segment_count"] == 12
     assert settings["params"] == straight.to_dict()
-    alone = dataclasses.replace(tuned, ensemble=None)
+    alone = dataclasses.replace(tuned, members=())
     casts = simulate_to_aim(SETUP, alone, count=50, segment_count=10, dt=2e-3)
     assert casts.info["settings"]["params"] == tuned.params.to_dict()
 

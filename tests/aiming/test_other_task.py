@@ -7,7 +7,6 @@ import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
 import cablecast as cc
-from cablecast.aiming.ensemble import EnsembleLandings
 from cablecast.conventions import xy_to_polar
 from cablecast.data.simulate import SAMPLE_DT, simulate_dataset
 from cablecast.engines.dynamics import Dynamics
@@ -136,11 +135,17 @@ def test_corrections_bring_casts_to_goals_of_the_task(policy, task, rig, paths, 
 
 def test_simulators_of_an_ensemble_tell_the_outcome_of_the_task(task):
     first, second = (Dynamics.of(params_of(friction), SETUP) for friction in (1.0, 0.8))
-    engine = cc.EngineWarp(**COARSE)
-    ensemble = EnsembleLandings(SETUP, [first, second], engine, first, engine, task=task)
+    resolution = tuple(COARSE.values())
+    ensemble = cc.Tuned(
+        setup=SETUP,
+        dynamics=first,
+        members=(first, second),
+        resolution=resolution,
+        member_resolution=resolution,
+    )
     actions = feasible_uniform(3, SETUP, RANGES, seed=1)
     outcome = task.outcome(ensemble.tracks(actions))
-    found = ensemble.evaluate(actions)
+    found = ensemble.landings(actions, task=task)
     np.testing.assert_allclose(found.landing_xy * task.units(SETUP), outcome[0])
     apart = task.miss(outcome[0], outcome[1], SETUP)
     count = len(task.coordinates)

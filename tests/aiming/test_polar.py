@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
-from cablecast.aiming.ensemble import EnsembleLandings
 from cablecast.aiming.polar import AMPLITUDES, SCATTER, PolarLandings
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
-from cablecast.aiming.residual import ResidualScales
+from cablecast.aiming.residual import Experience, ResidualScales
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.conventions import polar_to_xy
 from cablecast.data.store import CastStore
 from cablecast.engines.dynamics import Dynamics
-from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.casting import Action
 from cablecast.motion.polar import PolarCast
 from cablecast.task import LANDING
+from cablecast.tuning.tuned import Tuned
 
 LENGTH = SETUP.cable.length
 FAR = polar_to_xy([1.25, 0.2])
@@ -30,9 +29,9 @@ ASTRAY = 0.1
 
 @pytest.fixture(scope="module")
 def landings():
-    engine = EngineWarp(12, 2e-3)
     dynamics = Dynamics(params=SETUP.cable.params)
-    return PolarLandings.of(EnsembleLandings(SETUP, [dynamics], engine, dynamics, engine))
+    tuned = Tuned(setup=SETUP, dynamics=dynamics, members=(dynamics,), member_resolution=(12, 2e-3))
+    return PolarLandings.of(tuned)
 
 
 def astray(landings, cast):
@@ -71,8 +70,11 @@ def test_one_cast_teaches_itself_and_its_neighbours(landings):
 
 def proposal_of(landings, scales):
     """Return what is proposed for a far target where sweeps have some scales."""
-    beliefs = dataclasses.replace(Beliefs.of(make_policy()), scales=scales)
-    predictor = dataclasses.replace(LandingPredictor.of(beliefs), polar=landings)
+    predictor = dataclasses.replace(
+        LandingPredictor.of(Beliefs(policy=make_policy())),
+        experience=Experience.empty(scales, 2),
+        polar=landings,
+    )
     return propose(predictor, LANDING.goals(SETUP, FAR)[0])
 
 

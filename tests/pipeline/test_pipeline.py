@@ -94,7 +94,7 @@ def test_tuning_returns_parameters_that_simulate_takes_and_remembers_them(tuned,
     read = cc.load_tuned(folder / "tune", SETUP)
     assert read.params == tuned.params
     # Who aims with it knows which casts it was fitted to.
-    assert read.metrics == {"dataset_fingerprint": casts.fingerprint}
+    assert read.fitted_to == casts.fingerprint
 
 
 def test_casts_that_were_made_again_are_tuned_to_again(folder, tmp_path):

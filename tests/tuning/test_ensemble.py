@@ -9,17 +9,12 @@ from cablecast.cable import FITTED_MATERIAL, PAPER_PARAMS, PARAMS
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.setup import Setup
-from cablecast.tuning.ensemble import (
-    MEMBER_COUNT,
-    Ensemble,
-    believed_ensemble,
-    other_materials,
-)
+from cablecast.tuning.ensemble import MEMBER_COUNT, other_materials
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.space import ParamPosterior
 from cablecast.tuning.tracks import TrackObjective
 from cablecast.tuning.tune import fit_params
-from cablecast.tuning.tuned import load_tuned, params_file, write_params
+from cablecast.tuning.tuned import Tuned, load_tuned, write_params
 
 CONFIG = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
 COARSE = {"segment_count": 10, "dt": 2e-3}
@@ -33,7 +28,7 @@ def few(tracks):
 @pytest.fixture(scope="module")
 def fitted(cable, few):
     engine = EngineWarp(**COARSE)
-    return fit_params(cable, few, None, engine, engine, CONFIG)
+    return fit_params(Setup(cable=cable), few, None, engine, engine, CONFIG)
 
 
 def test_the_first_material_is_that_of_the_cable_and_each_other_one_is_changed(cable):
@@ -53,8 +48,8 @@ def test_materials_at_their_bounds_stay_within_them(cable):
 
 def test_each_member_follows_the_casts_better_with_its_own_parameters(fitted, cable, few):
     engine = EngineWarp(**COARSE)
-    assert len(fitted.ensemble.members) == MEMBER_COUNT
-    for member in fitted.ensemble.members:
+    assert len(fitted.members) == MEMBER_COUNT
+    for member in fitted.members:
         objective = TrackObjective(engine, cable, few)
         own = objective.distances(member.params).loss[0]
         material = {name: getattr(member.params, name) for name in FITTED_MATERIAL}
@@ -67,7 +62,7 @@ def test_each_member_follows_the_casts_better_with_its_own_parameters(fitted, ca
 def test_members_part_where_the_casts_say_nothing(fitted, cable, tracks, few):
     def spread(some):
         ends = []
-        for member in fitted.ensemble.members:
+        for member in fitted.members:
             xy, _ = TrackObjective(EngineWarp(**COARSE), cable, some).tracks_of(member.params)
             ends.append(xy[0, :, -1])
         return np.median(np.linalg.norm(np.std(ends, axis=0), axis=1)) / cable.length
@@ -79,41 +74,44 @@ def test_members_part_where_the_casts_say_nothing(fitted, cable, tracks, few):
 def test_none_is_made_where_no_step_is_asked_for(cable, few):
     engine = EngineWarp(**COARSE)
     config = dataclasses.replace(CONFIG, start_count=1, coarse_iterations=1, ensemble_iterations=0)
-    assert fit_params(cable, few, None, engine, engine, config).ensemble is None
+    assert fit_params(Setup(cable=cable), few, None, engine, engine, config).members == ()
 
 
 def test_it_is_kept_with_the_parameters(fitted, cable, tmp_path):
-    write_params(tmp_path, {"cable": cable.name, **params_file(fitted, cable.length, None)})
-    assert load_tuned(tmp_path, Setup(cable=cable)).ensemble == fitted.ensemble
+    write_params(tmp_path, fitted.to_dict())
+    again = load_tuned(tmp_path, Setup(cable=cable))
+    assert (again.members, again.resolution) == (fitted.members, fitted.resolution)
+    assert again.member_resolution == fitted.member_resolution
 
 
-def test_a_damaged_one_is_refused(fitted):
-    values = fitted.ensemble.to_dict()
-    with pytest.raises(InputError, match="segment_count"):
-        Ensemble.from_dict(values | {"segment_count": 1})
-    with pytest.raises(KeyError):
-        Ensemble.from_dict({"members": values["members"]})
+@pytest.mark.parametrize("damage", [{"segment_count": 1}, {"fine_dt": None}, {"members": []}])
+def test_a_damaged_one_is_refused(fitted, cable, tmp_path, damage):
+    values = fitted.to_dict()
+    write_params(tmp_path, values | {"ensemble": values["ensemble"] | damage})
+    with pytest.raises(InputError, match="does not hold tuned parameters"):
+        load_tuned(tmp_path, Setup(cable=cable))
 
 
 def test_its_simulations_count_as_coarse_ones(fitted, cable, few):
     engine = EngineWarp(**COARSE)
     without = dataclasses.replace(CONFIG, ensemble_iterations=0)
-    alone = fit_params(cable, few, None, engine, engine, without)
-    more = fitted.coarse_simulation_count - alone.coarse_simulation_count
-    assert more == fitted.simulation_count - alone.simulation_count > 0
+    alone = fit_params(Setup(cable=cable), few, None, engine, engine, without)
+    more = fitted.metrics["coarse_simulation_count"] - alone.metrics["coarse_simulation_count"]
+    assert more == fitted.metrics["simulation_count"] - alone.metrics["simulation_count"] > 0
 
 
 def test_before_any_cast_the_members_are_drawn_from_what_is_believed(cable):
-    engine, belief = EngineWarp(**COARSE), ParamPosterior.before_casts(cable)
-    one, same, other = (believed_ensemble(cable, engine, seed) for seed in (0, 0, 1))
-    assert one == same != other
-    assert (one.fine_segment_count, one.fine_dt) == (10, 2e-3)
+    setup, belief = Setup(cable=cable), ParamPosterior.before_casts(cable)
+    one, same, other = (Tuned.believed(setup, seed) for seed in (0, 0, 1))
+    assert one.members == same.members != other.members
+    assert one.dynamics == one.members[0]
+    assert one.fitted_to is None
     likeliest = one.members[0]
     np.testing.assert_allclose(likeliest.params.to_array()[:10], cable.params.to_array()[:10])
     # What is usual of a real cable, though its file says nothing of it.
     assert likeliest.params.damping_time == pytest.approx(8e-3)
     assert likeliest.params.rest_curvature == pytest.approx(0.0)
-    many = [m for seed in range(20) for m in believed_ensemble(cable, engine, seed).members[1:]]
+    many = [m for seed in range(20) for m in Tuned.believed(setup, seed).members[1:]]
     turns = [cable.length * m.params.rest_curvature for m in many]
     assert 0.2 < np.std(turns) < 0.4
     # Draws lie about a deviation from the believed values, and all deviate.

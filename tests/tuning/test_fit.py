@@ -14,7 +14,7 @@ from cablecast.tuning.fit import TRACK_WEIGHT, FitConfig, TrackFit
 from cablecast.tuning.space import ParamPrior, SearchSpace
 from cablecast.tuning.tracks import TrackObjective
 from cablecast.tuning.tune import fit_params
-from cablecast.tuning.tuned import load_tuned, params_file, write_params
+from cablecast.tuning.tuned import load_tuned, write_params
 
 CONFIG = FitConfig(start_count=4, coarse_iterations=6, fine_start_count=2, fine_iterations=3)
 FRICTION = 0.12
@@ -34,17 +34,19 @@ def others(good):
 @pytest.fixture(scope="module")
 def result(cable, few, others):
     engine = EngineWarp(segment_count=10, dt=2e-3)
-    return fit_params(cable, few, others, engine, engine, CONFIG)
+    return fit_params(Setup(cable=cable), few, others, engine, engine, CONFIG)
 
 
 def test_three_casts_are_enough_to_predict_others(result, truth):
     assert result.params.friction == pytest.approx(truth.friction, rel=FRICTION)
-    default, fitted = result.validation.loss
+    default, fitted = (
+        result.metrics["validation"][row]["mean_pct"] for row in ("default", "tuned")
+    )
     assert fitted < 0.25 * default
 
 
 def test_a_fit_is_repeatable(result, cable, few, others, engine):
-    again = fit_params(cable, few, others, engine, engine, CONFIG)
+    again = fit_params(Setup(cable=cable), few, others, engine, engine, CONFIG)
     np.testing.assert_array_equal(again.params.to_array(), result.params.to_array())
     np.testing.assert_array_equal(again.posterior.covariance, result.posterior.covariance)
 
@@ -75,7 +77,9 @@ def test_a_bound_in_the_way_is_widened(cable, few, others, truth, engine):
     stiff = dataclasses.replace(cable.params, bend_stiffness=truth.bend_stiffness / 50.0)
     believed = dataclasses.replace(cable, params=stiff, deviations={"bend_stiffness": 30.0})
     told = []
-    result = fit_params(believed, few, others, engine, engine, CONFIG, progress=told.append)
+    result = fit_params(
+        Setup(cable=believed), few, others, engine, engine, CONFIG, progress=told.append
+    )
     # A range more to search moves no end away.
     assert len({one.total for one in told}) == 1
     assert [one.done for one in told] == sorted(one.done for one in told)
@@ -156,7 +160,7 @@ def test_bad_deviations_are_refused(cable):
 
 
 def test_a_posterior_is_read_back_as_it_was_written(result, cable, tmp_path):
-    values = params_file(result, cable.length, None) | {"cable": cable.name}
+    values = result.to_dict()
     write_params(tmp_path / "params.json", values)
     again = load_tuned(tmp_path / "params.json", Setup(cable=cable)).posterior
     np.testing.assert_array_equal(again.covariance, result.posterior.covariance)
@@ -180,12 +184,13 @@ def test_a_fit_that_was_stopped_goes_on_at_its_step_with_the_same_result(
             raise KeyboardInterrupt
 
     parts = Parts(tmp_path)
+    setup = Setup(cable=cable)
     with pytest.raises(KeyboardInterrupt):
-        fit_params(cable, few, others, engine, engine, CONFIG, checkpoint=parts, progress=stop)
+        fit_params(setup, few, others, engine, engine, CONFIG, checkpoint=parts, progress=stop)
     assert len(list(tmp_path.iterdir())) == step
     taken = []
     again = fit_params(
-        cable,
+        setup,
         few,
         others,
         engine,
@@ -197,5 +202,5 @@ def test_a_fit_that_was_stopped_goes_on_at_its_step_with_the_same_result(
     assert taken[0] == step + 1
     np.testing.assert_array_equal(again.params.to_array(), result.params.to_array())
     np.testing.assert_array_equal(again.posterior.covariance, result.posterior.covariance)
-    assert again.history == result.history
-    assert again.simulation_count == result.simulation_count
+    assert again.metrics["history"] == result.metrics["history"]
+    assert again.metrics["simulation_count"] == result.metrics["simulation_count"]

@@ -13,14 +13,9 @@ from cablecast.errors import InputError
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.servo import ServoModel
 from cablecast.setup import Setup
-from cablecast.tuning.tune import TuneConfig, split_tracks, tune_params
-from cablecast.tuning.tuned import (
-    Tuned,
-    distance_summary,
-    load_tuned,
-    params_file,
-    write_params,
-)
+from cablecast.tuning.tracks import TrackDistances
+from cablecast.tuning.tune import TuneConfig, distance_summary, split_tracks, tune_params
+from cablecast.tuning.tuned import Tuned, load_tuned, write_params
 
 CABLE = load_cable("cable_1")
 SETUP = Setup(cable=CABLE)
@@ -31,7 +26,7 @@ LITTLE = TuneConfig(population_size=4, generations=2)
 
 @pytest.fixture
 def result(cable, good, engine):
-    return tune_params(cable, *split_tracks(good), engine, LITTLE)
+    return tune_params(Setup(cable=cable), *split_tracks(good), engine, LITTLE)
 
 
 @pytest.fixture
@@ -55,31 +50,29 @@ def refusal(file, text=None):
 
 
 def test_the_file_of_the_result_gives_back_the_parameters(result, cable, tmp_path):
-    values = params_file(result, cable.length, None) | {"cable": cable.name}
-    write_params(tmp_path, values)
+    write_params(tmp_path, result.to_dict())
     file = tmp_path / "params.json"
     assert load_tuned(file, SETUP).params == load_tuned(tmp_path, SETUP).params == result.params
     assert load_tuned(file, SETUP).dynamics.servo is None
-    low, middle, high = values["spread"]["friction"]
+    low, middle, high = result.metrics["spread"]["friction"]
     assert low <= middle <= high
     other = dataclasses.replace(cable, name="another")
     with pytest.raises(InputError, match="of cable_1, not of another"):
         load_tuned(file, Setup(cable=other))
-    summary = distance_summary(result.validation, 1, cable.length)
-    assert values["validation"]["tuned"] == summary
-    assert summary["final_median_pct"] == pytest.approx(
-        100 * np.nanmedian(result.validation.final[1]) / cable.length
-    )
 
 
-def test_distances_that_nobody_measured_are_none_in_the_summary(result, cable):
-    blind = dataclasses.replace(
-        result.validation, final=np.full_like(result.validation.final, np.nan)
+def test_distances_are_summed_up_in_pct_of_the_cable_and_none_where_nobody_measured(cable):
+    final = np.array([[0.02, np.nan, 0.04, 0.06]])
+    apart = TrackDistances(
+        mean=final / 2, final=final, finite=np.array([[True, True, False, True]])
     )
-    summary = distance_summary(blind, 1, cable.length)
-    assert summary["final_median_pct"] is summary["final_max_pct"] is None
-    assert summary["final_count"] == 0
-    assert summary["mean_pct"] > 0.0
+    summary = distance_summary(apart, 0, cable.length)
+    assert summary["final_median_pct"] == pytest.approx(4.0 / cable.length)
+    assert summary["mean_pct"] == pytest.approx(2.0 / cable.length)
+    assert (summary["final_count"], summary["non_finite_count"]) == (3, 1)
+    blind = distance_summary(dataclasses.replace(apart, final=np.nan * final), 0, cable.length)
+    assert blind["final_median_pct"] is blind["final_max_pct"] is None
+    assert blind["final_count"] == 0
 
 
 def test_the_servo_is_read_back(file):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.setup import Setup
 from cablecast.tuning.ensemble import WIDENING, ParamUpdate
 from cablecast.tuning.fit import FitConfig, TrackFit
 from cablecast.tuning.space import Gaussian, ParamPrior, SearchSpace
@@ -48,7 +49,7 @@ def updated(objective, posterior, params):
 
 @pytest.fixture(scope="module")
 def posterior(engine, cable, few):
-    return fit_params(cable, few, None, engine, engine, CONFIG).posterior
+    return fit_params(Setup(cable=cable), few, None, engine, engine, CONFIG).posterior
 
 
 def slipped(params):

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cablecast.aiming.session import AimSession, FittedModel
+from cablecast.aiming.predictor import Beliefs
+from cablecast.aiming.session import AimSession
 from cablecast.camera.settings import CameraSight
 from cablecast.errors import InputError
 from cablecast.runs.progress import Progress
@@ -32,7 +33,7 @@ class Learning:
         if self.error is not None:
             raise self.error
         self.counts.append((len(store.dataset()), len(store)))
-        return FittedModel(policy=self.policy, fitted_count=len(store))
+        return Beliefs(policy=self.policy, fitted_to=len(store))
 
 
 @pytest.fixture

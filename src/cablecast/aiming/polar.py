@@ -16,7 +16,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.aiming.ensemble import EnsembleLandings
 from cablecast.cast import Cast
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
@@ -25,7 +24,8 @@ from cablecast.learning.kernel import matern
 from cablecast.motion.polar import PolarCast, PullReach
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
-from cablecast.task import Expectation, Landing, MissLaw
+from cablecast.task import LANDING, Expectation, Landing, MissLaw, Task
+from cablecast.tuning.tuned import Tuned
 
 AMPLITUDES = np.array([0.04, 0.15])
 """Standard deviation of the error of the simulator along the cable and, before the pull, across it
@@ -69,16 +69,19 @@ class PolarLandings:
     _known: dict[PolarCast, _Array] = dataclasses.field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, ensemble: EnsembleLandings | None) -> "PolarLandings | None":
+    def of(cls, ensemble: Tuned | None, task: Task = LANDING) -> "PolarLandings | None":
         """Return the landings before any cast; None for another task, or where none is reached."""
-        if ensemble is None or not isinstance(ensemble.task, Landing):
+        if ensemble is None or not isinstance(task, Landing):
             return None
         try:
             reach = PullReach.of(ensemble.setup)
         except InputError:
             return None
         return cls(
-            setup=ensemble.setup, dynamics=ensemble.best, engine=ensemble.engine, reach=reach
+            setup=ensemble.setup,
+            dynamics=ensemble.dynamics,
+            engine=ensemble.member_engine,
+            reach=reach,
         )
 
     def with_casts(self, casts: Sequence[Cast]) -> "PolarLandings":

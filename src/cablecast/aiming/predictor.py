@@ -5,18 +5,16 @@ In another task than a landing, its outcome stands for the landing, over `Task.u
 A policy's network approximates where every action lands in a simulator. Where the best simulator of
 the cable has simulated an action, its own landing is used, and the network only says how the
 landing of an action nearby differs from it. Simulators of different physics tell how far off it may
-be (`EnsembleLandings`). A Gaussian process adds what real casts showed (`Experience`).
+be (`Tuned`). A Gaussian process adds what real casts showed (`Experience`).
 """
 
 import dataclasses
 import functools
-import pathlib
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.aiming.ensemble import EnsembleLandings
 from cablecast.aiming.polar import PolarLandings
 from cablecast.aiming.residual import ArrayRows, Experience, LocalSize, Places, ResidualScales
 from cablecast.cast import Cast
@@ -127,15 +125,21 @@ class Beliefs:
 
     Attributes:
         policy: Policy of simulated casts alone.
-        scales: Scales of real landings about the simulated ones.
-        size: By how much more casts to one place may miss than to another.
-        ensemble: Simulators that evaluate each single cast; None where the fit has none.
+        tuned: Fit that they were simulated with. If None, nothing is known of the simulator, whose
+            landings are taken to be as far off as those of one that follows some casts typically.
+        fitted_to: Casts that the simulator was fitted to: their number, if they are the first ones
+            of the session; the fingerprint of their dataset, empty if it is unknown; None before
+            any cast.
+        spread_count: Simulated casts that tell how far apart the simulators typically land.
+
+    Raises:
+        InputError: The policy has learned from real casts.
     """
 
     policy: ForwardSearchPolicy
-    scales: ResidualScales = dataclasses.field(default_factory=ResidualScales)
-    size: LocalSize
-    ensemble: EnsembleLandings | None = None
+    tuned: Tuned | None = None
+    fitted_to: int | str | None = ""
+    spread_count: int = SPREAD_COUNT
 
     def __post_init__(self):
         if self.policy.model.has_real_casts:
@@ -143,50 +147,46 @@ class Beliefs:
                 "aiming learns from real casts itself: give it a policy of simulated casts alone"
             )
 
-    @classmethod
-    def of(
-        cls,
-        policy: ForwardSearchPolicy,
-        tuned: Tuned | None = None,
-        *,
-        count: int = SPREAD_COUNT,
-        kept: pathlib.Path | None = None,
-    ) -> "Beliefs":
-        """Return the beliefs of a fitted simulator and of the policy that was trained with it.
+    def has_fitted(self, number: int, cast: Cast) -> bool:
+        """Return whether the simulator was fitted to a cast of the session."""
+        if isinstance(self.fitted_to, int):
+            return number < self.fitted_to
+        return bool(self.fitted_to) and cast.origin.partition("/")[0] == self.fitted_to
 
-        Args:
-            policy: Policy of simulated casts alone.
-            tuned: Result of `tune`; None for a simulator of which nothing is known, whose landings
-                are taken to be as far off as those of one that follows some casts as usual.
-            count: Simulated casts that tell how far apart the simulators usually land.
-            kept: File of landings that `EnsembleLandings.keep` wrote, if it did.
+    @property
+    def ensemble(self) -> Tuned | None:
+        """Simulators that evaluate each single cast; None where the fit has none."""
+        return self.tuned if self.tuned is not None and self.tuned.members else None
 
-        Raises:
-            InputError: The policy has learned from real casts.
-        """
-        if tuned is None or tuned.ensemble is None:
-            every = slice(None, None, max(1, len(policy.sensitivity) // _SIZE_COUNT))
-            landing_xy, values = policy.predicted_xy[every], policy.sensitivity[every]
-            return cls(policy=policy, size=LocalSize(landing_xy=landing_xy, values=values))
-        ensemble = EnsembleLandings.of(tuned, policy.model.task)
-        if kept is not None:
-            ensemble.recall(kept)
+    @functools.cached_property
+    def size(self) -> LocalSize:
+        """By how much more casts to one place may miss than to another."""
+        if (ensemble := self.ensemble) is None:
+            every = slice(None, None, max(1, len(self.policy.sensitivity) // _SIZE_COUNT))
+            return LocalSize(
+                landing_xy=self.policy.predicted_xy[every], values=self.policy.sensitivity[every]
+            )
         actions = feasible_uniform(
-            count, tuned.setup, policy.model.action_ranges, seed=_SPREAD_SEED
+            self.spread_count, ensemble.setup, self.model.action_ranges, seed=_SPREAD_SEED
         )
-        found = ensemble.evaluate(*mirror_to_right(actions))
+        found = ensemble.landings(*mirror_to_right(actions), self.model.task)
         finite = np.isfinite(found.landing_xy).all(axis=1)
-        size = LocalSize(landing_xy=found.landing_xy[finite], values=found.sizes[finite])
+        return LocalSize(landing_xy=found.landing_xy[finite], values=found.sizes[finite])
+
+    @functools.cached_property
+    def scales(self) -> ResidualScales:
+        """Scales of real landings about the simulated ones."""
+        prior = ResidualScales()
+        if self.ensemble is None:
+            return prior
         # Casts that scatter cannot be followed more closely than they scatter.
-        smaller = min(1.0, ensemble.factor)
-        usual = ResidualScales()
-        scales = dataclasses.replace(
-            usual,
-            amplitude=size.usual,
-            noise=np.sqrt(smaller) * usual.noise,
-            friction=smaller * usual.friction,
+        smaller = min(1.0, self.ensemble.factor)
+        return dataclasses.replace(
+            prior,
+            amplitude=self.size.usual,
+            noise=np.sqrt(smaller) * prior.noise,
+            friction=smaller * prior.friction,
         )
-        return cls(policy=policy, scales=scales, size=size, ensemble=ensemble)
 
     @property
     def model(self) -> LandingModel:
@@ -265,7 +265,7 @@ class LandingPredictor:
     """
 
     beliefs: Beliefs
-    ensemble: EnsembleLandings | None
+    ensemble: Tuned | None
     experience: Experience
     casts: tuple[Cast, ...] = ()
     fitted: tuple[bool, ...] = ()
@@ -276,7 +276,7 @@ class LandingPredictor:
     def of(cls, beliefs: Beliefs, *, polar: bool = False) -> "LandingPredictor":
         """Return the predictor before any cast; `polar` tells whether it knows polar casts, too."""
         experience = Experience.empty(beliefs.scales, len(beliefs.model.units))
-        found = PolarLandings.of(beliefs.ensemble) if polar else None
+        found = PolarLandings.of(beliefs.ensemble, beliefs.model.task) if polar else None
         return cls(beliefs=beliefs, ensemble=beliefs.ensemble, experience=experience, polar=found)
 
     def with_casts(
@@ -383,7 +383,7 @@ class LandingPredictor:
         """Return candidates with what the ensemble says of them, if there is one."""
         if self.ensemble is None:
             return Candidates.unsimulated(actions, side, self.beliefs.sensitivities(actions))
-        found = self.ensemble.evaluate(actions, side)
+        found = self.ensemble.landings(actions, side, self.beliefs.model.task)
         shifts = (found.landing_xy - self.beliefs.model.predict(actions)) / self.beliefs.length
         return Candidates(
             actions=actions,

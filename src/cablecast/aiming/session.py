@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.config import AimConfig
-from cablecast.aiming.ensemble import USUAL_DISTANCES
-from cablecast.aiming.predictor import SPREAD_COUNT, Beliefs, LandingPredictor
+from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import NEAR, propose
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import HIT_CHANCE_MIN, Cast, EndpointTrack, Proposal
@@ -28,7 +27,7 @@ from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
 from cablecast.runs.progress import ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.task import Goal, MissLaw, Task
-from cablecast.tuning.fit import FitConfig
+from cablecast.tuning.landings import USUAL_DISTANCES
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
 
@@ -130,49 +129,7 @@ class RefitDue:
     size: float = 0.0
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SimulatorConfig:
-    """Settings of the simulators of a session; those of the verbs where None.
-
-    Attributes:
-        fit: Settings of the fit.
-        segment_count: Segments of the simulated cable.
-        dt: Time step [s].
-        spread_count: Casts that tell how far apart the simulators of an ensemble usually land.
-    """
-
-    fit: FitConfig | None = None
-    segment_count: int | None = None
-    dt: float | None = None
-    spread_count: int = SPREAD_COUNT
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class FittedModel:
-    """A model to plan with, the fit behind it, and the casts that the fit followed.
-
-    Attributes:
-        policy: Policy of simulated casts alone.
-        tuned: Fit that they were simulated with; None where nothing is known of it.
-        fitted_count: Casts of the session, from the first on, that the simulator was fitted to.
-        fitted_to: Fingerprint of the dataset that it was fitted to; empty for none.
-        needs_first_fit: Whether the simulator is the believed one, to be fitted to the first casts.
-    """
-
-    policy: ForwardSearchPolicy
-    tuned: Tuned | None = None
-    fitted_count: int = 0
-    fitted_to: str = ""
-    needs_first_fit: bool = False
-
-    def has_fitted(self, number: int, cast: Cast) -> bool:
-        """Return whether the simulator was fitted to a cast of the session."""
-        if number < self.fitted_count:
-            return True
-        return bool(self.fitted_to) and cast.origin.partition("/")[0] == self.fitted_to
-
-
-Refitting = Callable[[CastStore, ProgressCallback], FittedModel]
+Refitting = Callable[[CastStore, ProgressCallback], Beliefs]
 """Fits the simulator to all casts of a session that were not discarded, and simulates with it."""
 
 LANDINGS_FILE = "landings.npz"
@@ -192,12 +149,11 @@ class AimSession:
     opened again in the same folder knows all of its casts.
 
     Args:
-        model: Model to plan with; a policy of simulated casts alone stands for one of which nothing
-            else is known.
+        model: Model to plan with, and the fit behind it; a policy of simulated casts alone stands
+            for one of which nothing else is known.
         casts: Casts on the rig that were made before.
         out: Folder that keeps the casts; none where None.
         config: Settings; `tries`, `within_pct`, `force` and `refit` are used here and by `aim`.
-        simulators: Settings of the simulators.
         refitting: Makes a new model from all casts; `prepare_aim` gives it.
 
     Attributes:
@@ -214,18 +170,16 @@ class AimSession:
 
     def __init__(
         self,
-        model: FittedModel | ForwardSearchPolicy,
+        model: Beliefs | ForwardSearchPolicy,
         *,
         casts: Dataset | None = None,
         out: str | os.PathLike[str] | CastStore | None = None,
         config: AimConfig | None = None,
-        simulators: SimulatorConfig | None = None,
         refitting: Refitting | None = None,
     ):
         if isinstance(model, ForwardSearchPolicy):
-            model = FittedModel(policy=model)
+            model = Beliefs(policy=model)
         self.config = config or AimConfig()
-        self.simulators = simulators or SimulatorConfig()
         self.setup: Setup = model.policy.setup
         self.task: Task = model.policy.model.task
         is_open = isinstance(out, CastStore)
@@ -239,16 +193,11 @@ class AimSession:
         self._refitting = refitting
         self.use(model)
 
-    def use(self, model: FittedModel) -> None:
+    def use(self, model: Beliefs) -> None:
         """Plan with another model from now on, conditioned on all casts."""
         self.model = model
-        folder = self.store.folder
-        self._beliefs = Beliefs.of(
-            model.policy,
-            model.tuned,
-            count=self.simulators.spread_count,
-            kept=None if folder is None else folder / LANDINGS_FILE,
-        )
+        if model.ensemble is not None and self.store.folder is not None:
+            model.ensemble.recall_landings(self.store.folder / LANDINGS_FILE, self.task)
         self._condition()
 
     def _condition(self) -> None:
@@ -256,7 +205,7 @@ class AimSession:
 
         So a session that is opened again goes on as if it had never been closed.
         """
-        self.predictor = LandingPredictor.of(self._beliefs, polar=not self.config.fast)
+        self.predictor = LandingPredictor.of(self.model, polar=not self.config.fast)
         self.drifted = False
         self._scaled_count = 0
         self._local: tuple[tuple, LandingPredictor] | None = None
@@ -283,8 +232,8 @@ class AimSession:
         )
         if fit_scales:
             self._scaled_count = count
-        if self._beliefs.ensemble is not None and self.store.folder is not None:
-            self._beliefs.ensemble.keep(self.store.folder / LANDINGS_FILE)
+        if self.model.ensemble is not None and self.store.folder is not None:
+            self.model.ensemble.keep_landings(self.store.folder / LANDINGS_FILE, self.task)
 
     @property
     def casts(self) -> tuple[Cast, ...]:
@@ -540,15 +489,15 @@ class AimSession:
         """Why the simulator should be fitted to all casts now; None if it need not be."""
         if self._refitting is None:
             return None
-        casts = [cast for _, cast in self._active_sweeps()]
+        active = self._active_sweeps()
         return refit_due(
-            casts,
-            self.fitted_count,
+            [cast for _, cast in active],
+            [self.model.has_fitted(*row) for row in active],
             distance=poor_fit(self.model.tuned),
-            needs_first_fit=self.model.needs_first_fit,
+            needs_first_fit=self.model.fitted_to is None,
         )
 
-    def fit(self, progress: ProgressCallback = show) -> FittedModel:
+    def fit(self, progress: ProgressCallback = show) -> Beliefs:
         """Return the model of a fit to all casts that were not discarded, for `use`.
 
         Takes as long as the first fit; the session stays as it is. A fit that was stopped goes on
@@ -590,7 +539,7 @@ def poor_fit(tuned: Tuned | None) -> float:
 
 def refit_due(
     casts: Sequence[Cast],
-    fitted_count: int,
+    fitted: Sequence[bool],
     *,
     distance: float = 0.0,
     needs_first_fit: bool = False,
@@ -599,12 +548,12 @@ def refit_due(
 
     Args:
         casts: Active casts of a session, in the order in which they were made.
-        fitted_count: Number of them that the simulator was fitted to; 0 for one that was fitted to
-            none of the session's, which needs no other fit.
+        fitted: Whether the simulator was fitted to each. One that was fitted to none of them needs
+            no other fit.
         distance: Distance from the fit to these [cable lengths] if it is poor, see `poor_fit`.
         needs_first_fit: Whether the simulator is to be fitted to the first casts of the session.
     """
-    count = len(casts)
+    count, fitted_count = len(casts), sum(fitted)
     due = functools.partial(RefitDue, cast_count=count, fitted_count=fitted_count)
     if needs_first_fit and count >= FIRST_COUNT:
         return due(RefitReason.FIRST_FIT)
@@ -616,8 +565,8 @@ def refit_due(
         return due(RefitReason.POOR_FIT, size=distance)
     innovations = [
         cast.square / len(cast.target_xy)
-        for cast in casts[fitted_count:]
-        if cast.try_number == 1 and np.isfinite(cast.square)
+        for cast, is_fitted in zip(casts, fitted, strict=True)
+        if not is_fitted and cast.try_number == 1 and np.isfinite(cast.square)
     ]
     if len(innovations) < EARLY_TRIES:
         return None

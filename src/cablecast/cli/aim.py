@@ -157,7 +157,7 @@ class Aim(AimConfig, _Targets):
                 count = session.fitted_count
                 print(f"{known} casts of {name} are known; the simulator is fitted to {count}")
             else:
-                values = "believed" if session.model.needs_first_fit else "fitted"
+                values = "believed" if session.model.fitted_to is None else "fitted"
                 print(f"no cast of {name} is known yet: the simulator has the {values} values")
             result = aim(
                 session,

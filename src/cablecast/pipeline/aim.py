@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.config import AimConfig
+from cablecast.aiming.predictor import SPREAD_COUNT, Beliefs
 from cablecast.aiming.session import (
     AimSession,
-    FittedModel,
     RefitDue,
-    SimulatorConfig,
     Stop,
     poor_fit,
 )
@@ -61,6 +60,7 @@ from cablecast.runs.folder import (
 from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.setup import Setup
+from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.tuned import PARAMS_FILE, Tuned, load_tuned, write_params
 
 CALIBRATION_FOLDER, SECOND_FOLDER = "calibration", "calibration-2"
@@ -82,6 +82,23 @@ _OWN = {
     *(CALIBRATION_FOLDER, SECOND_FOLDER, TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER),
     *(SESSION_FOLDER, FITS_FOLDER, REPORT_FOLDER),
 }
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SimulatorConfig:
+    """Settings of the simulators of a session; those of the verbs where None.
+
+    Attributes:
+        fit: Settings of the fit.
+        segment_count: Segments of the simulated cable.
+        dt: Time step [s].
+        spread_count: Casts that tell how far apart the simulators of an ensemble usually land.
+    """
+
+    fit: FitConfig | None = None
+    segment_count: int | None = None
+    dt: float | None = None
+    spread_count: int = SPREAD_COUNT
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -227,7 +244,6 @@ def prepare_aim(
         casts=casts,
         out=store,
         config=config,
-        simulators=simulators,
         refitting=learning,
     )
     session.look(rig)
@@ -337,7 +353,7 @@ def _get_ready(setup: Setup, config: AimConfig) -> None:
 
 def _later_model(
     learning: "_Learning", store: CastStore, fit_all: bool, progress: ProgressCallback
-) -> FittedModel | None:
+) -> Beliefs | None:
     """Return the model of a fit to all casts of a session; None for the one to its first casts."""
     newest = learning.newest_fit()
     if newest is None and not fit_all:
@@ -369,19 +385,15 @@ class _Learning:
 
     def first(
         self, casts: Dataset | None, tuned: Tuned | None, progress: ProgressCallback
-    ) -> FittedModel:
+    ) -> Beliefs:
         """Return the first model of a session: of a fit to casts, of a given one, or believed."""
-        needs_first_fit = tuned is None and casts is None
         if casts is not None and tuned is None:
             tuned = self.fit(casts, self.folder, progress)
         elif tuned is None:
             tuned = Tuned.believed(self.setup, self.config.seed)
-        fitted_to = str(tuned.metrics.get("dataset_fingerprint", ""))
-        return self._model(
-            tuned, self.folder, progress, fitted_to=fitted_to, needs_first_fit=needs_first_fit
-        )
+        return self._model(tuned, self.folder, tuned.fitted_to, progress)
 
-    def __call__(self, store: CastStore, progress: ProgressCallback) -> FittedModel:
+    def __call__(self, store: CastStore, progress: ProgressCallback) -> Beliefs:
         """Return the model of a later fit; see `Refitting`."""
         # A page may cast meanwhile.
         count, casts = len(store), store.dataset(store.sweeps)
@@ -389,13 +401,13 @@ class _Learning:
         # A fork keeps nothing.
         folder = store.folder and self.folder and self.folder / FITS_FOLDER / name
         tuned = self.fit(casts, folder, progress, validation_count=0)
-        return self._model(tuned, folder, progress, fitted_count=count)
+        return self._model(tuned, folder, count, progress)
 
-    def kept(self, count: int, folder: pathlib.Path, progress: ProgressCallback) -> FittedModel:
+    def kept(self, count: int, folder: pathlib.Path, progress: ProgressCallback) -> Beliefs:
         """Return the model of a later fit to so many casts that is finished."""
         progress(Progress(task=f"2/4 fit to {count} casts", note=DONE_NOTE))
         tuned = load_tuned(folder / TUNE_FOLDER, self.setup)
-        return self._model(tuned, folder, progress, fitted_count=count)
+        return self._model(tuned, folder, count, progress)
 
     def newest_fit(self) -> tuple[int, pathlib.Path] | None:
         """Return the number of casts and the folder of the newest finished later fit."""
@@ -430,9 +442,13 @@ class _Learning:
         )
 
     def _model(
-        self, tuned: Tuned, folder: pathlib.Path | None, progress: ProgressCallback, **facts: Any
-    ) -> FittedModel:
-        """Return the model of a fit, with more facts about it; the folder keeps it."""
+        self,
+        tuned: Tuned,
+        folder: pathlib.Path | None,
+        fitted_to: int | str | None,
+        progress: ProgressCallback,
+    ) -> Beliefs:
+        """Return the model of a fit to some casts, see `Beliefs`; the folder keeps it."""
         config = self.config
         shared: Any = {"seed": config.seed, "device": config.device, "progress": progress}
         progress(Progress(task="3/4 simulate"))
@@ -454,7 +470,12 @@ class _Learning:
             out=None if folder is None else folder / MODEL_FOLDER,
             **shared,
         )
-        return FittedModel(policy=policy.in_lab(self.setup), tuned=tuned, **facts)
+        return Beliefs(
+            policy=policy.in_lab(self.setup),
+            tuned=tuned,
+            fitted_to=fitted_to,
+            spread_count=self.simulators.spread_count,
+        )
 
 
 @check_argument_types

@@ -29,7 +29,7 @@ from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.task import LANDING
-from cablecast.tuning.ensemble import believed_ensemble
+from cablecast.tuning.tuned import Tuned
 
 PICTURE_FILE = "check.png"
 """Picture of the places that casts reach."""
@@ -269,12 +269,11 @@ def check(
 @functools.lru_cache(maxsize=8)
 def _believed(setup: Setup, seed: int) -> LabCheck:
     """Simulate casts of what the cable may be."""
-    engine = make_engine("warp", _SEGMENT_COUNT, _DT)
     # Materials shift landings, but hardly what is reached, and need a kernel of their own, which
     # compiles for half a minute.
     members = tuple(
         member.with_params(member.params.without_material())
-        for member in believed_ensemble(setup.cable, engine, seed).members
+        for member in Tuned.believed(setup, seed).members
     )
     actions, drawn = _draw(setup, _CAST_COUNT, seed)
     tracks = _tracks(setup, members, actions)

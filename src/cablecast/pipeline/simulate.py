@@ -89,10 +89,9 @@ def simulate_to_aim(setup: Setup, tuned: Tuned, **options: Any) -> Dataset:
     a landing leads from there. Without an ensemble they are those of `simulate`, whose arguments
     the options are; a resolution that is given holds.
     """
-    ensemble = tuned.ensemble
-    if ensemble is None:
+    if not tuned.members:
         return simulate(setup, tuned, **options)
-    first = dataclasses.replace(ensemble.members[0], servo=tuned.dynamics.servo)
-    coarse = dataclasses.replace(tuned, dynamics=first)
-    resolution: dict[str, Any] = {"segment_count": ensemble.segment_count, "dt": ensemble.dt}
-    return simulate(setup, coarse, **(resolution | options))
+    first = dataclasses.replace(tuned, dynamics=tuned.members[0])
+    segment_count, dt = tuned.member_resolution
+    resolution: dict[str, Any] = {"segment_count": segment_count, "dt": dt}
+    return simulate(setup, first, **(resolution | options))

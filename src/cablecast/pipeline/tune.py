@@ -8,7 +8,6 @@ from typing import Any
 from cablecast.data.dataset import Dataset
 from cablecast.engines import EngineName, make_engine
 from cablecast.engines.base import Engine, engine_settings
-from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import spread
 from cablecast.errors import InputError, check_argument_types
 from cablecast.files import write_bytes
@@ -21,14 +20,8 @@ from cablecast.runs.workers import LOCAL, connected
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.servo import ServoFit, can_identify_servo, identify_servo
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective, has_measured_joints
-from cablecast.tuning.tune import (
-    TuneConfig,
-    TuneResult,
-    fit_params,
-    split_tracks,
-    tune_params,
-)
-from cablecast.tuning.tuned import Tuned, load_tuned, params_file, write_params
+from cablecast.tuning.tune import TuneConfig, fit_params, split_tracks, tune_params
+from cablecast.tuning.tuned import Tuned, load_tuned, write_params
 
 GENERATIONS_FOLDER = "generations"
 TRACKS_FILE = "tracks.png"
@@ -130,55 +123,36 @@ def _search(
     keep: bool,
 ) -> Tuned:
     training, validation = split
-    cable, servo = casts.cable, None
+    setup, servo = casts.setup, None
     if has_measured_joints(casts) and can_identify_servo(casts):
         progress(Progress(task="Identifying the arm's servo"))
         servo = identify_servo(casts, len(training))
-    lag = None if servo is None else servo.model
     kept: Any = {
         "checkpoint": run.parts(GENERATIONS_FOLDER) if keep else None,
         "progress": progress,
     }
     if isinstance(config, FitConfig):
-        result = fit_params(cable, training, validation, *engines, config, **kept)
+        tuned = fit_params(setup, training, validation, *engines, config, **kept)
     else:
-        held_out = validation or training
-        result = tune_params(cable, training, held_out, engines[1], config, **kept)
-    values = {
-        "cable": cable.name,
-        "method": method_name(config),
-        "dataset_fingerprint": casts.fingerprint,
-        **params_file(result, cable.length, lag),
-    }
+        tuned = tune_params(setup, training, validation or training, engines[1], config, **kept)
+    tuned = dataclasses.replace(
+        tuned.with_servo(None if servo is None else servo.model), fitted_to=casts.fingerprint
+    )
+    values = {**tuned.to_dict(), **tuned.metrics, "method": method_name(config)}
     metrics = {
         **values,
         "training_count": len(training),
         "held_out_count": 0 if validation is None else len(validation),
         "servo_fit": _servo_metrics(servo),
-        "history": [
-            {
-                "stage": stage,
-                "best_pct": 100 * best / cable.length,
-                "spread_pct": 100 * spread / cable.length,
-            }
-            for stage, best, spread in result.history
-        ],
     }
     if keep:
         progress(Progress(task="Drawing the tracks"))
-        write_bytes(
-            run.path / TRACKS_FILE, _figure(casts, validation or training, engines[1], result)
-        )
+        figure = _figure(tuned, validation or training, engines[1])
+        write_bytes(run.path / TRACKS_FILE, figure)
+        del values["history"]
         write_params(run.path, values)
         run.finish(metrics)
-    return Tuned(
-        setup=casts.setup,
-        dynamics=Dynamics(params=result.params, servo=lag),
-        ensemble=result.ensemble,
-        posterior=result.posterior,
-        metrics=metrics,
-        path=run.path if keep else None,
-    )
+    return dataclasses.replace(tuned, metrics=metrics, path=run.path if keep else None)
 
 
 def method_name(config: FitConfig | TuneConfig) -> str:
@@ -209,18 +183,17 @@ def _servo_metrics(servo: ServoFit | None) -> dict[str, Any] | None:
     }
 
 
-def _figure(casts: Dataset, validation: MeasuredTracks, engine: Any, result: TuneResult) -> bytes:
+def _figure(tuned: Tuned, validation: MeasuredTracks, engine: Engine) -> bytes:
     """Return a picture of some held-out tracks, simulated before and after."""
-    cable = casts.cable
+    cable = tuned.setup.cable
     objective = TrackObjective(engine, cable, validation)
-    believed, _ = objective.tracks_of(cable.params)
-    tuned, _ = objective.tracks_of(result.params)
+    before, after = (objective.tracks_of(p)[0][0, :, :-1] for p in (cable.params, tuned.params))
     figure = track_panels(
         validation,
-        believed[0, :, :-1],
-        tuned[0, :, :-1],
-        casts.setup.workspace,
-        spread_choice(result.validation.mean[1], 9),
+        before,
+        after,
+        tuned.setup.workspace,
+        spread_choice(objective.distances(tuned.params).mean[0], 9),
         cable.length,
     )
     return png_bytes(figure)

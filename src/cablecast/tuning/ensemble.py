@@ -1,4 +1,4 @@
-"""Ensemble: simulators with other physics that follow the same casts, and their updates.
+"""Fits with other physics that follow the same casts, and updates of fits by new casts.
 
 A handful of casts is followed as well by a cable that is dragged by the air, curled, or rubs
 differently along and across itself, once the ten parameters are fitted with each. Where these
@@ -11,17 +11,15 @@ towards the new tracks, as in an iterated Kalman filter, so its cost depends on 
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
 from cablecast.cable import PARAMS, Cable, CableParams
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import InputError, check_count, check_number
-from cablecast.tuning.fit import Curvature, FitConfig, FitState, TrackFit
-from cablecast.tuning.space import Gaussian, ParamPosterior, ParamPrior, SearchSpace
+from cablecast.tuning.fit import Curvature, FitState, TrackFit
+from cablecast.tuning.space import Gaussian, ParamPosterior
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
 
 # Differences from the fitted material: air drags on a smooth cylinder with 1 to 1.2, ropes lose
@@ -33,55 +31,6 @@ _CURLS = (-0.2, 0.2)
 
 MEMBER_COUNT = 2 + len(_GRAINS) + len(_CURLS)
 """Number of simulators."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Ensemble:
-    """Simulators that follow the same casts with other physics.
-
-    Attributes:
-        members: Physics of each; the first one has the material that was found.
-        segment_count: Segments of the cable that they were fitted with.
-        dt: Time step that they were fitted with [s].
-        fine_segment_count: Segments of the cable that the parameters that were found were fitted
-            with.
-        fine_dt: Time step of that fit [s].
-    """
-
-    members: tuple[Dynamics, ...]
-    segment_count: int
-    dt: float
-    fine_segment_count: int
-    fine_dt: float
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "Ensemble":
-        """Return the ensemble that `to_dict` described.
-
-        Raises:
-            KeyError: An entry is missing.
-            InputError: A value is out of bounds.
-        """
-        members = tuple(Dynamics.from_dict(row) for row in values["members"])
-        if not members:
-            raise InputError("an ensemble has no members")
-        return cls(
-            members=members,
-            segment_count=check_count("segment_count", values["segment_count"], 2),
-            dt=check_number("dt", values["dt"], 1e-7, 1e-2, "s"),
-            fine_segment_count=check_count("fine_segment_count", values["fine_segment_count"], 2),
-            fine_dt=check_number("fine_dt", values["fine_dt"], 1e-7, 1e-2, "s"),
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values."""
-        return {
-            "members": [member.to_dict() for member in self.members],
-            "segment_count": self.segment_count,
-            "dt": self.dt,
-            "fine_segment_count": self.fine_segment_count,
-            "fine_dt": self.fine_dt,
-        }
 
 
 def other_materials(params: CableParams, length: float) -> tuple[CableParams, ...]:
@@ -105,36 +54,16 @@ def other_materials(params: CableParams, length: float) -> tuple[CableParams, ..
     )
 
 
-def believed_ensemble(cable: Cable, fine_engine: Engine, seed: int) -> Ensemble:
-    """Return simulators of what a cable may be before any cast, by its values and deviations.
-
-    The first has the most likely parameters and material, and `fine_engine` simulates it; the seed
-    draws those of the others.
-    """
-    config = FitConfig()
-    space = SearchSpace.for_cable(cable, config.materials)
-    points = ParamPrior.for_cable(cable, space).draw(MEMBER_COUNT, seed)
-    return Ensemble(
-        members=tuple(Dynamics(params=space.to_params(point)) for point in points),
-        segment_count=config.coarse_segment_count,
-        dt=config.coarse_dt,
-        fine_segment_count=fine_engine.segment_count,
-        fine_dt=fine_engine.dt,
-    )
-
-
 def fit_ensemble(
     fit: TrackFit,
-    fine_engine: Engine,
     params: CableParams,
     misfit: float,
     run: Callable[[TrackFit, FitState], FitState],
-) -> Ensemble:
+) -> tuple[Dynamics, ...]:
     """Fit the parameters anew with each of some materials.
 
     Args:
         fit: Fit of the ten parameters at the resolution at which the ensemble will be simulated.
-        fine_engine: Engine that the parameters were found with.
         params: Parameters that were found, from which each fit starts.
         misfit: Scale of the model's own error that was found [cable lengths].
         run: Takes the steps of one of these fits from a state.
@@ -146,14 +75,7 @@ def fit_ensemble(
         tried = TrackFit(fit.objective, space, fit.prior)
         state = run(tried, tried.start(start, misfit))
         members.append(Dynamics(params=space.to_params(state.best().points[0])))
-    engine = fit.objective.engine
-    return Ensemble(
-        members=tuple(members),
-        segment_count=engine.segment_count,
-        dt=engine.dt,
-        fine_segment_count=fine_engine.segment_count,
-        fine_dt=fine_engine.dt,
-    )
+    return tuple(members)
 
 
 WIDENING = 2.0

@@ -240,7 +240,7 @@ class TrackDistances:
     final: NDArray[np.float64]
     finite: NDArray[np.bool_]
 
-    def beside(self, other: "TrackDistances") -> "TrackDistances":
+    def concat(self, other: "TrackDistances") -> "TrackDistances":
         """Return the candidates of both, these first; the trials must be the same."""
         fields = [field.name for field in dataclasses.fields(self)]
         return TrackDistances(

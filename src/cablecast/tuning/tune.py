@@ -6,18 +6,21 @@ widened, and an ensemble. `tune_params` is the paper's Differential Evolution.
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import PAPER_PARAMS, Cable, CableParams
+from cablecast.conventions import finite_or_none
 from cablecast.engines.base import Engine
+from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import InputError, check_count, check_seed
 from cablecast.runs.folder import Parts
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.tuning.ensemble import MEMBER_COUNT, Ensemble, fit_ensemble
+from cablecast.setup import Setup
+from cablecast.tuning.ensemble import MEMBER_COUNT, fit_ensemble
 from cablecast.tuning.fit import MISFIT_START, FitConfig, FitState, TrackFit
 from cablecast.tuning.search import POPULATION_MAX, POPULATION_MIN, Checkpoint, SearchDE
 from cablecast.tuning.space import (
@@ -28,6 +31,7 @@ from cablecast.tuning.space import (
     bounds,
 )
 from cablecast.tuning.tracks import MeasuredTracks, TrackDistances, TrackObjective
+from cablecast.tuning.tuned import Tuned
 
 COARSE, FINE, ENSEMBLE = "coarse", "fine", "other physics"
 
@@ -68,43 +72,6 @@ class TuneConfig:
         return self.population_size * (1 + self.generations)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class TuneResult:
-    """Result of tuning.
-
-    Attributes:
-        params: Parameters with the least loss.
-        population: Final population, one value per member.
-        population_losses: Their losses [m], shape [member].
-        space: Ranges of the search.
-        training: Distances of (default, tuned) parameters on the training tracks.
-        validation: Distances of (default, tuned) parameters on tracks that the search never saw.
-        training_status: Trial statuses of the training tracks, shape [trial].
-        validation_status: Trial statuses of the validation tracks, shape [trial].
-        simulation_count: Number of rollouts of the search, coarse and fine.
-        coarse_simulation_count: Number of those at the coarse resolution.
-        seconds: Duration of the search, summed over interrupted runs [s].
-        history: Stage, best loss [m] and spread of the population's losses [m] of each generation.
-        posterior: Uncertainty of the parameters; None for a search.
-        ensemble: Simulators with other physics that follow the same tracks; None for a search.
-    """
-
-    params: CableParams
-    population: CableParams
-    population_losses: NDArray[np.float64]
-    space: SearchSpace
-    training: TrackDistances
-    validation: TrackDistances
-    training_status: NDArray[np.str_]
-    validation_status: NDArray[np.str_]
-    simulation_count: int
-    coarse_simulation_count: int
-    seconds: float
-    history: list[tuple[str, float, float]]
-    posterior: ParamPosterior | None = None
-    ensemble: Ensemble | None = None
-
-
 def split_tracks(
     tracks: MeasuredTracks, validation_count: int | None = None
 ) -> tuple[MeasuredTracks, MeasuredTracks]:
@@ -128,7 +95,7 @@ def split_tracks(
 
 
 def tune_params(
-    cable: Cable,
+    setup: Setup,
     training: MeasuredTracks,
     validation: MeasuredTracks,
     engine: Engine,
@@ -136,12 +103,12 @@ def tune_params(
     *,
     checkpoint: Parts | None = None,
     progress: ProgressCallback = ignore,
-) -> TuneResult:
+) -> Tuned:
     """Find the parameters whose simulated tracks are nearest to the measured ones.
 
     Args:
-        cable: Cable that was cast; its parameters are the first candidate, and the default for
-            comparison with the result.
+        setup: Set-up of the casts. The parameters of its cable are the first candidate, and the
+            default for comparison with the result.
         training: Tracks for the loss.
         validation: Tracks for validating the result.
         engine: Simulator, at the resolution at which the result will be used.
@@ -153,7 +120,7 @@ def tune_params(
         InputError: No sample of the training or the validation tracks can be compared, or the
             checkpoint is damaged or belongs to another search.
     """
-    config = config or TuneConfig()
+    config, cable = config or TuneConfig(), setup.cable
     space = SearchSpace.for_cable(cable)
     search = SearchDE(space.to_unit(cable.params), config.population_size, config.seed)
     stored = Checkpoint(checkpoint)
@@ -177,20 +144,15 @@ def tune_params(
 
     params = space.to_params(search.population[np.argmin(search.losses)])
     both = CableParams.stack([cable.params, params])
-    return TuneResult(
-        params=params,
-        population=space.to_params(search.population),
-        population_losses=search.losses,
-        space=space,
-        training=objective.distances(both),
-        validation=unseen.distances(both),
-        training_status=training.status,
-        validation_status=validation.status,
-        simulation_count=log.count,
-        coarse_simulation_count=0,
-        seconds=stored.seconds,
-        history=log.history,
-    )
+    metrics = {
+        **_values(params, space.to_params(search.population)),
+        "open": [],
+        "search_range": space.to_dict(),
+        "training": _distances(objective.distances(both), training, cable),
+        "validation": _distances(unseen.distances(both), validation, cable),
+        **log.metrics(),
+    }
+    return Tuned(setup=setup, dynamics=Dynamics(params=params), metrics=metrics)
 
 
 # Part of the steps of a fit, and the share of its starting points that go on from there.
@@ -302,10 +264,22 @@ class _Log:
         start = {"points": state.points.tolist(), "misfit": float(state.misfit)}
         return self.stored.step(stage, start, make, read)
 
-    @property
-    def count(self) -> int:
-        """Number of simulations."""
-        return sum(self.counts.values())
+    def metrics(self) -> dict[str, Any]:
+        """Return what the search cost: simulations, their share at the coarse resolution, time."""
+        count = sum(self.counts.values())
+        return {
+            "simulation_count": count,
+            "coarse_simulation_count": count - self.counts[FINE],
+            "seconds": round(self.stored.seconds, 1),
+            "history": [
+                {
+                    "stage": stage,
+                    "best_pct": 100 * best / self.cable.length,
+                    "spread_pct": 100 * spread / self.cable.length,
+                }
+                for stage, best, spread in self.history
+            ],
+        }
 
 
 WIDEN_MAX = 2
@@ -316,7 +290,7 @@ _KNOWN = 0.7
 
 
 def fit_params(
-    cable: Cable,
+    setup: Setup,
     training: MeasuredTracks,
     validation: MeasuredTracks | None,
     coarse_engine: Engine,
@@ -325,11 +299,11 @@ def fit_params(
     *,
     checkpoint: Parts | None = None,
     progress: ProgressCallback = ignore,
-) -> TuneResult:
+) -> Tuned:
     """Find the parameters by Levenberg-Marquardt with a prior, and their uncertainty.
 
     Args:
-        cable: Cable that was cast, with what is believed of it.
+        setup: Set-up of the casts, with what is believed of its cable.
         training: Tracks to fit.
         validation: Tracks to measure the result with; the training tracks where None.
         coarse_engine: Simulator of the first steps.
@@ -342,7 +316,7 @@ def fit_params(
         InputError: No sample of the tracks can be compared, or the checkpoint is damaged or belongs
             to another fit.
     """
-    config = config or FitConfig()
+    config, cable = config or FitConfig(), setup.cable
     stored = Checkpoint(checkpoint)
     fine = TrackObjective(engine, cable, training)
     coarse = TrackObjective(coarse_engine, cable, training)
@@ -367,39 +341,39 @@ def fit_params(
     log.begin("")
     likeliest = min(fits, key=lambda fit: fit.neg_log_posterior)
     state, posterior = likeliest.state, likeliest.posterior
-    best = state.best(len(state.points))
     params = posterior.params
-    ensemble = None
+    members = ()
     if config.ensemble_iterations:
-        ensemble = fit_ensemble(
+        members = fit_ensemble(
             TrackFit(coarse, posterior.space, posterior.prior),
-            engine,
             params,
             state.misfit,
             lambda fit, state: log.run_fit(ENSEMBLE, fit, state, config.ensemble_iterations),
         )
 
-    def distances(tracks: MeasuredTracks) -> TrackDistances:
+    def distances(tracks: MeasuredTracks) -> dict[str, Any]:
         objective = TrackObjective(engine, cable, tracks)
         # Not one batch: worlds with and without material run in kernels of their own.
-        return objective.distances(cable.params).beside(objective.distances(params))
+        both = objective.distances(cable.params).concat(objective.distances(params))
+        return _distances(both, tracks, cable)
 
     on_training = distances(training)
-    return TuneResult(
-        params=params,
-        ensemble=ensemble,
-        population=likeliest.space.to_params(best.points),
-        population_losses=best.losses * cable.length,
-        space=posterior.space,
-        training=on_training,
-        validation=on_training if validation is None else distances(validation),
-        training_status=training.status,
-        validation_status=(training if validation is None else validation).status,
-        simulation_count=log.count,
-        coarse_simulation_count=log.count - log.counts[FINE],
-        seconds=stored.seconds,
-        history=log.history,
+    best = state.best(len(state.points))
+    metrics = {
+        **_values(params, likeliest.space.to_params(best.points)),
+        "open": posterior.sentences(),
+        "training": on_training,
+        "validation": on_training if validation is None else distances(validation),
+        **log.metrics(),
+    }
+    return Tuned(
+        setup=setup,
+        dynamics=Dynamics(params=params),
+        members=members,
+        resolution=(engine.segment_count, engine.dt),
+        member_resolution=(coarse_engine.segment_count, coarse_engine.dt),
         posterior=posterior,
+        metrics=metrics,
     )
 
 
@@ -499,3 +473,64 @@ def _widened(posterior: ParamPosterior, space: SearchSpace, cable: Cable) -> Sea
     if np.array_equal(low, space.low) and np.array_equal(high, space.high):
         return None
     return dataclasses.replace(space, low=low, high=high)
+
+
+# A simulation depends only on the ratios of masses and stiffnesses, and on the product of the
+# frictions. If the parameters spread widely but these do not, the fit is good and the spread has no
+# effect.
+_DERIVED = {
+    "friction": lambda p: p.friction,
+    "bend_stiffness_per_mass": lambda p: p.bend_stiffness / p.mass,
+    "twist_stiffness_per_mass": lambda p: p.twist_stiffness / p.mass,
+    "endpoint_mass_per_mass": lambda p: p.endpoint_mass / p.mass,
+}
+
+
+def _distances(both: TrackDistances, tracks: MeasuredTracks, cable: Cable) -> dict[str, Any]:
+    """Return distances before and after, and the trials by status, as plain values."""
+    codes, counts = np.unique(tracks.status, return_counts=True)
+    return {
+        "trials": {str(code): int(count) for code, count in zip(codes, counts, strict=True)},
+        "default": distance_summary(both, 0, cable.length),
+        "tuned": distance_summary(both, 1, cable.length),
+    }
+
+
+def distance_summary(
+    distances: TrackDistances, candidate: int, cable_length: float
+) -> dict[str, Any]:
+    """Return distances of one candidate in % of cable length, as in the paper's tuning table."""
+    mean = 100 * distances.mean[candidate] / cable_length
+    final = 100 * distances.final[candidate] / cable_length
+    return {
+        "mean_pct": _reduced(np.mean, mean),
+        "median_mean_pct": _reduced(np.median, mean),
+        "final_median_pct": _reduced(np.median, final),
+        "final_first_quartile_pct": _reduced(lambda v: np.quantile(v, 0.25), final),
+        "final_third_quartile_pct": _reduced(lambda v: np.quantile(v, 0.75), final),
+        "final_max_pct": _reduced(np.max, final),
+        "track_count": int(np.isfinite(mean).sum()),
+        "final_count": int(np.isfinite(final).sum()),
+        "non_finite_count": int((~distances.finite[candidate]).sum()),
+    }
+
+
+def _reduced(
+    reduce: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]
+) -> float | None:
+    """Return a statistic of the finite values; None if there are none."""
+    known = values[np.isfinite(values)]
+    return finite_or_none(reduce(known)) if len(known) else None
+
+
+def _values(params: CableParams, population: CableParams) -> dict[str, Any]:
+    """Return the derived values, and minimum, median and maximum of all in the population."""
+    values = {name: getattr(population, name) for name in PAPER_PARAMS}
+    values |= {name: value(population) for name, value in _DERIVED.items()}
+    return {
+        "derived": {name: float(value(params)) for name, value in _DERIVED.items()},
+        "spread": {
+            name: [float(np.quantile(column, q)) for q in (0.0, 0.5, 1.0)]
+            for name, column in values.items()
+        },
+    }

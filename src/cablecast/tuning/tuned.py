@@ -1,53 +1,89 @@
 """Tuned: a simulator that follows the real cable, and params.json, which keeps it."""
 
+import collections
+import concurrent.futures
 import dataclasses
+import functools
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cable import PAPER_PARAMS, CableParams
-from cablecast.conventions import finite_or_none
+from cablecast.cable import CableParams
 from cablecast.engines import make_engine
-from cablecast.engines.base import Engine, Rollout
+from cablecast.engines.base import Engine, Rollout, engine_settings
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import DamagedFileError, InputError, check_name
-from cablecast.files import CHECKSUM_KEY, read_json, read_sealed, seal, write_json
+from cablecast.errors import DamagedFileError, InputError, check_count, check_name, check_number
+from cablecast.files import (
+    CHECKSUM_KEY,
+    core_count,
+    read_json,
+    read_sealed,
+    seal,
+    write_json,
+)
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.servo import ServoModel
+from cablecast.runs.folder import fingerprint
 from cablecast.setup import Setup
-from cablecast.tuning.ensemble import Ensemble, believed_ensemble
-from cablecast.tuning.space import ParamPosterior
-from cablecast.tuning.tracks import TrackDistances
-from cablecast.tuning.tune import TuneResult
+from cablecast.task import LANDING, Task
+from cablecast.tuning.ensemble import MEMBER_COUNT, ParamUpdate
+from cablecast.tuning.fit import FitConfig
+from cablecast.tuning.landings import (
+    APART_MAX,
+    FRICTION_STEP,
+    KnownLandings,
+    LandingEstimate,
+    estimate_landings,
+    miss_factor,
+)
+from cablecast.tuning.space import ParamPosterior, ParamPrior, SearchSpace
+from cablecast.tuning.tracks import MeasuredTracks
 
 PARAMS_FILE = "params.json"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+Resolution = tuple[int | None, float | None]
+"""Segments of a simulated cable and time step [s]; the engine's default where None."""
+
+# Between samples the free end moves by some centimetres where it turns at the back [s].
+_SAMPLE_DT = 0.05
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Tuned:
-    """A simulator that follows the real cable as well as was found.
+    """Simulators that follow the real cable as well as was found.
+
+    The best one is simulated at full resolution. Where a fit made an ensemble, its members follow
+    the same casts with other physics, and are simulated more coarsely. Landings that were simulated
+    once are known from then on.
 
     Attributes:
         setup: Set-up of the casts that it was tuned to.
         dynamics: Parameters of the cable, fitted material, and servo of the arm;
             the latter is None where no joints were reported.
-        ensemble: Simulators with other physics that follow the casts as well, without servo; None
-            for a search, which makes none.
+        members: Ensemble, with the servo of the best one; the first has the material that was
+            found. Empty for a search, which makes none.
+        resolution: Resolution at which the best simulator was fitted.
+        member_resolution: Resolution at which the members were fitted.
         posterior: Uncertainty of the parameters; None for a search.
-        metrics: Distances before and after, search history and the like, as metrics.json holds
-            them; nothing but the fingerprint of the casts where a folder was read, and empty where
-            nothing was searched.
+        fitted_to: Fingerprint of the casts that it was fitted to, empty where it is unknown; None
+            before any cast.
+        metrics: Content of metrics.json: distances before and after, search history and the like.
+            Empty where a folder was read, and where nothing was searched.
         path: Folder of the results, if they were kept.
     """
 
     setup: Setup
     dynamics: Dynamics
-    ensemble: Ensemble | None = None
+    members: tuple[Dynamics, ...] = ()
+    resolution: Resolution = (None, None)
+    member_resolution: Resolution = (None, None)
     posterior: ParamPosterior | None = None
+    fitted_to: str | None = ""
     metrics: dict[str, Any] = dataclasses.field(default_factory=dict)
     path: pathlib.Path | None = None
 
@@ -56,17 +92,43 @@ class Tuned:
         """Parameters of the cable."""
         return self.dynamics.params
 
+    @functools.cached_property
+    def engine(self) -> Engine:
+        """Engine of the best simulator."""
+        return make_engine("warp", *self.resolution)
+
+    @functools.cached_property
+    def member_engine(self) -> Engine:
+        """Engine of the members."""
+        return make_engine("warp", *self.member_resolution)
+
+    def with_servo(self, servo: ServoModel | None) -> "Tuned":
+        """Return the same cables on an arm with a servo."""
+        best, *members = (
+            dataclasses.replace(one, servo=servo) for one in (self.dynamics, *self.members)
+        )
+        return dataclasses.replace(self, dynamics=best, members=tuple(members))
+
     def to_dict(self) -> dict[str, Any]:
         """Return what `load_tuned` reads, as plain values to write with `write_params`."""
-        servo, ensemble, posterior = self.dynamics.servo, self.ensemble, self.posterior
+        servo, posterior = self.dynamics.servo, self.posterior
         return {
             "cable": self.setup.cable.name,
+            "dataset_fingerprint": self.fitted_to,
             "params": self.params.to_dict(),
             "servo": None if servo is None else servo.to_dict(),
-            "ensemble": None if ensemble is None else ensemble.to_dict(),
+            "ensemble": self._ensemble_dict() if self.members else None,
             "posterior": None if posterior is None else posterior.to_dict(),
             "search_range": None if posterior is None else posterior.space.to_dict(),
-            "dataset_fingerprint": self.metrics.get("dataset_fingerprint"),
+        }
+
+    def _ensemble_dict(self) -> dict[str, Any]:
+        return {
+            "members": [{"params": member.params.to_dict()} for member in self.members],
+            "segment_count": self.member_engine.segment_count,
+            "dt": self.member_engine.dt,
+            "fine_segment_count": self.engine.segment_count,
+            "fine_dt": self.engine.dt,
         }
 
     def rollout(
@@ -87,16 +149,160 @@ class Tuned:
             motion = cast_grip_paths(np.atleast_2d(np.asarray(motion, dtype=float)), self.setup)
         return self.dynamics.rollout(engine or make_engine("warp"), self.setup, motion, **options)
 
+    def tracks(
+        self,
+        actions: NDArray[np.float64],
+        side: NDArray[np.float64] | None = None,
+        simulators: Sequence[Dynamics] = (),
+        engine: Engine | None = None,
+    ) -> NDArray[np.float64]:
+        """Return how the free end moves in simulators [m], shape [simulator, action, sample, 2].
+
+        Casts to the left are seen as if they were to the right: each is the mirror image of one to
+        the right with a cable that curls to the other side.
+
+        Args:
+            actions: Actions to the right, shape [action, 5].
+            side: +1, or -1 for those that are cast to the left, shape [action]; all to the right
+                if None.
+            simulators: Simulators with one servo; the members where empty.
+            engine: Engine that simulates them; that of the members if None.
+
+        Returns:
+            Positions every `_SAMPLE_DT`, the landing last; NaN where a simulation broke off.
+        """
+        side = np.ones(len(actions)) if side is None else side
+        simulators = simulators or self.members
+        paths = simulators[0].follow(cast_grip_paths(actions, self.setup), self.setup)
+        count = len(simulators)
+        # One batch: neighbouring worlds follow the same motion, and rest at about the same time.
+        left = [one.mirrored() for one in simulators]
+        rows = np.arange(count) + np.where(side < 0, count, 0)[:, None]
+        worlds = Dynamics.stack([*simulators, *left]).rows(rows.ravel())
+        paths = paths[np.repeat(np.arange(len(actions)), count)]
+        engine = engine or self.member_engine
+        xy = worlds.rollout(engine, self.setup, paths, sample_dt=_SAMPLE_DT).endpoint_xy
+        return np.swapaxes(xy.reshape(len(actions), count, *xy.shape[1:]), 0, 1)
+
+    def updated(self, tracks: MeasuredTracks) -> "Tuned":
+        """Return the simulators after one step each towards casts that they were not fitted to.
+
+        Simulators without a posterior stay as they are.
+        """
+        if not self._updates or not tracks.compared.any():
+            return self
+        # A few casts do not fill the cores, so the simulators run side by side.
+        with concurrent.futures.ThreadPoolExecutor(core_count()) as pool:
+            params = list(pool.map(lambda update: update.params_after(tracks), self._updates))
+        best, *members = [
+            one.with_params(found)
+            for one, found in zip((self.dynamics, *self.members), params, strict=True)
+        ]
+        return dataclasses.replace(self, dynamics=best, members=tuple(members))
+
+    @functools.cached_property
+    def _updates(self) -> list[ParamUpdate]:
+        """Update of each simulator's parameters, the best first; none without a posterior."""
+        if self.posterior is None:
+            return []
+        cable, posterior = self.setup.cable, self.posterior
+        engines = [self.engine, *(self.member_engine for _ in self.members)]
+        return [
+            ParamUpdate(engine, cable, posterior, one.params)
+            for engine, one in zip(engines, (self.dynamics, *self.members), strict=True)
+        ]
+
+    def landings(
+        self,
+        actions: NDArray[np.float64],
+        side: NDArray[np.float64] | None = None,
+        task: Task = LANDING,
+    ) -> LandingEstimate:
+        """Simulate where casts land, as `tracks`, or look up those that were simulated before.
+
+        The outcomes of a task stand for the landings.
+        """
+        side = np.ones(len(actions)) if side is None else side
+        known = self._known[task.name]
+        keys = [row.tobytes() for row in np.column_stack([actions, side])]
+        row_of = {key: row for row, key in enumerate(keys) if key not in known}
+        if row_of:
+            new = list(row_of.values())
+            count = len(self.members)
+            simulators = (*self.members, *self._other_frictions)
+            # A few casts do not fill the cores, so both resolutions run side by side.
+            with concurrent.futures.ThreadPoolExecutor(1) as pool:
+                best = pool.submit(
+                    self.tracks, actions[new], side[new], (self.dynamics,), self.engine
+                )
+                tracks = self.tracks(actions[new], side[new], simulators)
+            units = task.units(self.setup)
+            found = estimate_landings(
+                tracks[:count],
+                self.setup,
+                landing_xy=task.outcome(best.result()[0]) / units,
+                friction_xy=task.outcome(tracks[count:]) / units,
+                task=task,
+            )
+            known.add(list(row_of), found)
+        return known.estimate(keys, len(task.coordinates), min(1.0, self.factor))
+
+    def keep_landings(self, file: pathlib.Path, task: Task = LANDING) -> None:
+        """Write the landings that were simulated so far to a file, if they are not there yet."""
+        self._known[task.name].keep(file, self._landings_name(task))
+
+    def recall_landings(self, file: pathlib.Path, task: Task = LANDING) -> None:
+        """Read what `keep_landings` wrote, if it was simulated by the same simulators."""
+        self._known[task.name].recall(file, self._landings_name(task))
+
+    def _landings_name(self, task: Task) -> str:
+        """Return a short name of all that decides the landings."""
+        resolutions = [engine_settings(engine) for engine in (self.member_engine, self.engine)]
+        physics = [one.to_dict() for one in (self.dynamics, *self.members)]
+        steps = [FRICTION_STEP, APART_MAX, _SAMPLE_DT, task.name]
+        return fingerprint([self.setup.to_settings(), physics, resolutions, steps])
+
+    @functools.cached_property
+    def _known(self) -> dict[str, KnownLandings]:
+        """Landings that were simulated so far, by task."""
+        return collections.defaultdict(KnownLandings)
+
+    @property
+    def factor(self) -> float:
+        """Size of misses over the median one [-], from how closely the fit follows its casts."""
+        if self.posterior is None:
+            return 1.0
+        return miss_factor(self.posterior.distance, self.posterior.track_count)
+
+    @functools.cached_property
+    def _other_frictions(self) -> tuple[Dynamics, Dynamics]:
+        """The first member with less and with more friction."""
+        first = self.members[0]
+        friction = np.asarray(first.params.lateral_friction)
+        less, more = (
+            dataclasses.replace(first.params, lateral_friction=friction * np.exp(step))
+            for step in (-FRICTION_STEP, FRICTION_STEP)
+        )
+        return first.with_params(less), first.with_params(more)
+
     @classmethod
     def believed(cls, setup: Setup, seed: int = 0) -> "Tuned":
         """Return a simulator of the most likely cable before any cast, and of others it may be.
 
-        The seed draws the others.
+        The members are drawn by the seed from what is believed of the cable; the first one, and the
+        best simulator, have its most likely parameters and material.
         """
-        ensemble = believed_ensemble(setup.cable, make_engine("warp"), seed)
-        posterior = ParamPosterior.before_casts(setup.cable)
+        config, cable = FitConfig(), setup.cable
+        space = SearchSpace.for_cable(cable, config.materials)
+        points = ParamPrior.for_cable(cable, space).draw(MEMBER_COUNT, seed)
+        members = tuple(Dynamics(params=space.to_params(point)) for point in points)
         return cls(
-            setup=setup, dynamics=ensemble.members[0], ensemble=ensemble, posterior=posterior
+            setup=setup,
+            dynamics=members[0],
+            members=members,
+            member_resolution=(config.coarse_segment_count, config.coarse_dt),
+            posterior=ParamPosterior.before_casts(cable),
+            fitted_to=None,
         )
 
     @classmethod
@@ -134,26 +340,42 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
         if stored is not None:
             check_name(stored, "cable")
         params = CableParams.from_dict(values["params"])
-        servo, ensemble, posterior, fingerprint = (
-            values.get(name) for name in ("servo", "ensemble", "posterior", "dataset_fingerprint")
-        )
+        ensemble, posterior = values.get("ensemble"), values.get("posterior")
+        fitted_to = values.get("dataset_fingerprint", "")
         tuned = Tuned(
             setup=setup,
-            dynamics=Dynamics(
-                params=params, servo=None if servo is None else ServoModel.from_dict(servo)
-            ),
-            ensemble=None if ensemble is None else Ensemble.from_dict(ensemble),
+            dynamics=Dynamics.from_dict(values),
             posterior=None
             if posterior is None
             else ParamPosterior.from_dict(posterior, values["search_range"], params),
-            metrics={"dataset_fingerprint": str(fingerprint)} if fingerprint else {},
+            fitted_to=None if fitted_to is None else str(fitted_to),
             path=pathlib.Path(path),
+            **({} if ensemble is None else _ensemble(ensemble, values.get("servo"))),
         )
     except (InputError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise _refusal(file, error) from None
     if stored not in (None, setup.cable.name):
         raise InputError(f"{file} holds parameters of {stored}, not of {setup.cable.name}")
     return tuned
+
+
+def _ensemble(values: Mapping[str, Any], servo: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the fields of a fit that are stored as its ensemble."""
+    members = tuple(Dynamics.from_dict({**row, "servo": servo}) for row in values["members"])
+    if not members:
+        raise InputError("an ensemble has no members")
+    resolutions = [
+        (
+            check_count(prefix + "segment_count", values[prefix + "segment_count"], 2),
+            check_number(prefix + "dt", values[prefix + "dt"], 1e-7, 1e-2, "s"),
+        )
+        for prefix in ("", "fine_")
+    ]
+    return {
+        "members": members,
+        "member_resolution": resolutions[0],
+        "resolution": resolutions[1],
+    }
 
 
 def _read(file: pathlib.Path) -> Mapping[str, Any]:
@@ -185,93 +407,10 @@ def _refusal(file: pathlib.Path, error: Exception) -> InputError:
     return InputError(f"{file} does not hold tuned parameters: {reason}")
 
 
-# A simulation depends only on the ratios of masses and stiffnesses, and on the product of the
-# frictions. If the parameters spread widely but these do not, the fit is good and the spread has no
-# effect.
-_DERIVED = {
-    "friction": lambda p: p.friction,
-    "bend_stiffness_per_mass": lambda p: p.bend_stiffness / p.mass,
-    "twist_stiffness_per_mass": lambda p: p.twist_stiffness / p.mass,
-    "endpoint_mass_per_mass": lambda p: p.endpoint_mass / p.mass,
-}
-
-
-def params_file(
-    result: TuneResult, cable_length: float, servo: ServoModel | None
-) -> dict[str, Any]:
-    """Return the content of params.json as plain values; see `write_params`."""
-    rows = {}
-    for name, distances, status in (
-        ("training", result.training, result.training_status),
-        ("validation", result.validation, result.validation_status),
-    ):
-        rows[name] = {"trials": status_counts(status)} | {
-            row: distance_summary(distances, index, cable_length)
-            for index, row in enumerate(("default", "tuned"))
-        }
-    return {
-        "params": result.params.to_dict(),
-        "derived": {name: float(value(result.params)) for name, value in _DERIVED.items()},
-        "spread": _spread(result.population),
-        "servo": None if servo is None else servo.to_dict(),
-        "ensemble": None if result.ensemble is None else result.ensemble.to_dict(),
-        "posterior": None if result.posterior is None else result.posterior.to_dict(),
-        "open": [] if result.posterior is None else result.posterior.sentences(),
-        "search_range": result.space.to_dict(),
-        **rows,
-        "simulation_count": result.simulation_count,
-        "coarse_simulation_count": result.coarse_simulation_count,
-        "seconds": round(result.seconds, 1),
-    }
-
-
-def distance_summary(
-    distances: TrackDistances, candidate: int, cable_length: float
-) -> dict[str, Any]:
-    """Return distances of one candidate in % of cable length, as in the paper's tuning table."""
-    mean = 100 * distances.mean[candidate] / cable_length
-    final = 100 * distances.final[candidate] / cable_length
-    return {
-        "mean_pct": _reduced(np.mean, mean),
-        "median_mean_pct": _reduced(np.median, mean),
-        "final_median_pct": _reduced(np.median, final),
-        "final_first_quartile_pct": _reduced(lambda v: np.quantile(v, 0.25), final),
-        "final_third_quartile_pct": _reduced(lambda v: np.quantile(v, 0.75), final),
-        "final_max_pct": _reduced(np.max, final),
-        "track_count": int(np.isfinite(mean).sum()),
-        "final_count": int(np.isfinite(final).sum()),
-        "non_finite_count": int((~distances.finite[candidate]).sum()),
-    }
-
-
-def status_counts(status: NDArray[np.str_]) -> dict[str, int]:
-    """Return the number of trials by status."""
-    codes, counts = np.unique(status, return_counts=True)
-    return {str(code): int(count) for code, count in zip(codes, counts, strict=True)}
-
-
-def _reduced(
-    reduce: Callable[[NDArray[np.float64]], Any], values: NDArray[np.float64]
-) -> float | None:
-    """Return a statistic of the finite values; None if there are none."""
-    known = values[np.isfinite(values)]
-    return finite_or_none(reduce(known)) if len(known) else None
-
-
-def _spread(population: CableParams) -> dict[str, list[float]]:
-    """Return minimum, median and maximum of the ten in the final population, by name."""
-    values = {name: getattr(population, name) for name in PAPER_PARAMS}
-    values |= {name: value(population) for name, value in _DERIVED.items()}
-    return {
-        name: [float(np.quantile(column, q)) for q in (0.0, 0.5, 1.0)]
-        for name, column in values.items()
-    }
-
-
 def write_params(path: pathlib.Path, values: Mapping[str, Any]) -> None:
     """Write params.json, or that of a folder, with a checksum over its content.
 
-    Values are those of `params_file`, and `cable`, the name of the tuned cable.
+    Values are those of `Tuned.to_dict`, and possibly others that a person reads.
     """
     file = path / PARAMS_FILE if path.is_dir() else path
     sealed = seal(dict(values))
