@@ -56,14 +56,11 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         PHYSICS,
         "motion capture of cables held at both ends, with published figures",
     ),
-    "material": ("fits:material", (*LABORATORY, "tuning"), "fits with and without a material"),
-    "sampler": ("fits:sampler", (*LABORATORY, "tuning"), "posterior of a fit, and a sampler"),
     "casts": (
         "casts:casts",
         LEARNING,
         "error at targets by the number of real casts and corrections",
     ),
-    "sessions": ("casts:sessions", LEARNING, "first tries of a session with and without new fits"),
     "scatter": ("scatter:scatter", LEARNING, "scatter of equal casts, and what predicts it"),
     "uneven": (
         "scatter:uneven",
@@ -76,18 +73,12 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         (*PHYSICS, "data"),
         "throughput of a Ray cluster on this machine and of one thread",
     ),
-    "page": ("page:main", ("view",), "latencies, memory and frames of the page of `view`"),
     "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),
     "faults": ("faults:main", ROBOT, "faults of robot, camera and cable in every phase"),
     "effects": (
         "effects:effects",
         LABORATORY,
         "shift of landings by each effect of the laboratory",
-    ),
-    "laboratory": (
-        "laboratory:main",
-        LABORATORY,
-        "scatter and difficulty of the virtual rig and of the paper",
     ),
     "arms": ("arms:arms", LEARNING, "arms of other makers: time of candidates, and hits"),
     "labs": ("labs:labs", (*LEARNING, "pipeline/check"), "random laboratories: run or refused"),

@@ -1,13 +1,9 @@
-"""Error at targets, after casts before the first target and within a session.
+"""Error at targets by the number of casts before the first target.
 
-casts: for each rig, laboratory, cable and number of casts, `prepare_aim` fits the simulator and
+For each rig, laboratory, cable and number of casts, `prepare_aim` fits the simulator and
 trains a model, and each target is cast at several times in turn. Every target starts from the same
 casts, so that a first try after five casts is just that. Medians come with the interval that holds
 90 % of 2,000 bootstrap draws.
-
-sessions: a session aims at targets in turn, as `cablecast aim` does, and every cast counts for
-later targets; once with new fits to all casts of the session where it says that they are due, and
-once without. Both are the same up to the first new fit, so only the targets after it are compared.
 
 A cast without a landing counts as a miss of 100 %. Each target is kept in --out: the same command
 resumes where it was stopped, and adds what a larger one asks for.
@@ -19,9 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-import cablecast as cc
 from benchmarks.places import (
     FINE_TUNING_MIN,
     METHODS,
@@ -29,7 +23,6 @@ from benchmarks.places import (
     Found,
     ModelArgs,
     Place,
-    RigArgs,
     random_targets,
     try_count,
 )
@@ -165,113 +158,6 @@ def casts(args: CastsArgs) -> Iterator[Table]:
     if any(rig.startswith("virtual") for rig in args.rigs):
         yield from sighted(found, args)
     yield differences(found)
-
-
-SESSION_COLUMNS = (
-    "cable",
-    "lab",
-    "model",
-    "targets",
-    "median",
-    "q1",
-    "q3",
-    "missed",
-    "hit",
-    "casts",
-)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SessionsArgs(RigArgs):
-    """First tries of a session with and without new fits."""
-
-    cables: tuple[str, ...] = ("cable_2",)
-    """Cables."""
-    targets: int = 12
-    """Targets of each session."""
-    tries: int = 2
-    """Casts at one target at most."""
-
-
-def aim_in_turn(place: Place, args: SessionsArgs, refit: bool) -> list[dict[str, Any]]:
-    """Return the casts at each target in turn.
-
-    Args:
-        place: Cable and laboratory.
-        args: Settings.
-        refit: True to allow new fits of the simulator.
-    """
-    kind = "refit" if refit else "kept"
-    name = f"session-{args.calibration}-{args.tries}-{kind}"
-    targets = random_targets(args.targets, place.lab)
-    stored = [place.parts.get(f"{name}-{index:03d}") for index in range(len(targets))]
-    if all(row is not None for row in stored):
-        return [row for row in stored if row is not None]
-    session = cc.prepare_aim(
-        place.rig,
-        args.aim_config(args.calibration, tries=args.tries, refit=refit),
-        casts=place.casts(args.calibration),
-        out=place.models / name,
-        progress=place.progress,
-    )
-    rows = []
-    for index, target in enumerate(targets):
-        if (row := stored[index]) is not None:
-            rows.append(row)
-            continue
-        result = cc.aim(session, place.rig, target, progress=place.progress)
-        misses = [cast.miss_pct for cast in result.casts[0]]
-        row = {
-            "miss_pct": [miss if np.isfinite(miss) else MISSED_PCT for miss in misses],
-            "hit": bool(result.hit[0]),
-            "fitted": session.fitted_count,
-            "casts": len(session.casts),
-        }
-        place.parts.put(f"{name}-{index:03d}", row)
-        rows.append(row)
-    return rows
-
-
-def after_refit(rows: list[dict[str, Any]], first: int) -> NDArray[np.bool_]:
-    """Return which targets were aimed at after the first new fit, shape [target]."""
-    return np.array([row["fitted"] > first for row in rows])
-
-
-def sessions(args: SessionsArgs) -> Iterator[Table]:
-    """Yield the tries of each session after the first new fit."""
-    table: list[tuple] = []
-    with console_progress() as progress:
-        for cable in args.cables:
-            found: dict[str, list] = {"kept": [], "new fit": []}
-            for lab in args.labs:
-                place = Place(args, args.rig, lab, cable, args.calibration, progress)
-                refitted, kept = (aim_in_turn(place, args, refit) for refit in (True, False))
-                later = after_refit(refitted, args.calibration)
-                for name, rows in (("kept", kept), ("new fit", refitted)):
-                    chosen = [row for row, is_later in zip(rows, later, strict=True) if is_later]
-                    found[name] += chosen
-                    if chosen:
-                        table.append((cable, lab, name, *summary(chosen)))
-            if len(args.labs) > 1:
-                table += [(cable, "all", name, *summary(rows)) for name, rows in found.items()]
-    title = "First tries after the first new fit, in % of cable length; hit: targets hit by any try"
-    yield Table(title=title, columns=SESSION_COLUMNS, rows=table)
-
-
-def summary(rows: list[dict[str, Any]]) -> tuple:
-    """Return targets, miss of first tries, and share of targets hit [%]."""
-    misses = np.array([row["miss_pct"][0] for row in rows])
-    median, low, high = median_interval(misses)
-    q1, q3 = np.quantile(misses, (0.25, 0.75))
-    return (
-        len(rows),
-        f"{median:.1f} ({low:.1f} to {high:.1f})",
-        f"{q1:.1f}",
-        f"{q3:.1f}",
-        f"{100.0 * np.mean(misses >= MISSED_PCT):.0f}",
-        f"{100.0 * np.mean([row['hit'] for row in rows]):.0f}",
-        sum(len(row["miss_pct"]) for row in rows),
-    )
 
 
 COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.SKY)

@@ -87,18 +87,6 @@ class ModelArgs:
         )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RigArgs(ModelArgs):
-    """Rig, laboratories, and casts before the first target."""
-
-    rig: str = "virtual"
-    """Rig: virtual, strange, even, patchy, engine or example."""
-    labs: tuple[int, ...] = (0, 1, 2)
-    """Seeds of the laboratories."""
-    calibration: int = 5
-    """Casts before the first target."""
-
-
 class Luck:
     """A rig whose n-th cast at each target has its own random draws."""
 

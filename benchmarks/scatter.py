@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.places import DIFFERENCES, Luck, Place, RigArgs, equal_casts, random_targets
+from benchmarks.places import DIFFERENCES, Luck, ModelArgs, Place, equal_casts, random_targets
 from benchmarks.result import Table
 from benchmarks.strange_rig import Scatter, StrangeRig
 from cablecast.aiming.predictor import log_scatters
@@ -41,9 +41,15 @@ RANK_COLUMNS = ("predicted by", "with the scatter", "with the error")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ScatterArgs(RigArgs):
+class ScatterArgs(ModelArgs):
     """Scatter of equal casts, measured and stated."""
 
+    rig: str = "virtual"
+    """Rig: virtual, strange, even, patchy, engine or example."""
+    labs: tuple[int, ...] = (0, 1, 2)
+    """Seeds of the laboratories."""
+    calibration: int = 5
+    """Casts before the first target."""
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
     targets: int = 12
