@@ -36,7 +36,7 @@ from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.arm import APPROACH_SPEED, TURN_SPEED, RigArm
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.driver import Phase
+from cablecast.rigs.driver import RigPhase
 from cablecast.rigs.path import check_path, joint_move
 from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, faults_of
 from cablecast.rigs.ur.twin.process import TwinProcess
@@ -137,9 +137,9 @@ class RigQuick(RigArm):
         for place in (aside, self.setup.arm.inverse(home)):
             way = joint_move(self._at_rest(), place, self._speed)
             check_path(way, self.setup, "the way back")
-            self._play("cablecast_approach", way, Phase.RESET)
+            self._play("cablecast_approach", way, RigPhase.RESET)
         self._wait(0.2)
-        self.driver.set_phase(Phase.IDLE)
+        self.driver.set_phase(RigPhase.IDLE)
 
 
 def part_of(fault: str) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cablecast.camera.settings import CameraSettings
 from cablecast.errors import CablecastError
-from cablecast.rigs.virtual.camera import Film, VirtualCamera
+from cablecast.rigs.virtual.camera import TrialFilm, VirtualCamera
 from cablecast.rigs.virtual.config import CameraConfig, LightConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
@@ -171,7 +171,7 @@ def look(case: Case) -> tuple[list[str], float, float]:
     )
     setup = Setup(camera=settings)
     trial = glide(setup)
-    film = Film(camera, trial, 3)
+    film = TrialFilm(camera, trial, 3)
     usual = CameraFacts(
         kind="device", backend="V4L2", width=lens.width, height=lens.height, fourcc="MJPG"
     )
@@ -180,7 +180,7 @@ def look(case: Case) -> tuple[list[str], float, float]:
     still = FilmedTrial(
         cable=trial.cable, times=np.array([FRAMES / RATE]), nodes=trial.nodes[:1], joint_path=None
     )
-    before = Film(camera, still, 3)
+    before = TrialFilm(camera, still, 3)
     images = []
     for frame in before.arrivals:
         images = [*images[-3:], case.alter(before.frame(frame), frame)]

@@ -30,7 +30,7 @@ from cablecast.motion.casting import Action
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-from cablecast.rigs.virtual.camera import Film, VirtualCamera, board_pictures
+from cablecast.rigs.virtual.camera import TrialFilm, VirtualCamera, board_pictures
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.rigs.virtual.sensing import RECORD_DT
 from cablecast.setup import Setup, load_setup
@@ -47,7 +47,7 @@ _FRACTION_BITS = 4
 
 def film_trial(
     setup: Setup, action: Action, seed: int = 0, config: VirtualConfig | None = None
-) -> tuple[FilmedTrial, Film]:
+) -> tuple[FilmedTrial, TrialFilm]:
     """Play a cast on the virtual rig and film it.
 
     Args:
@@ -73,7 +73,7 @@ def film_trial(
     return trial, VirtualCamera(workspace=setup.workspace).film(trial, seed)
 
 
-def write_film(trial: FilmedTrial, film: Film, seed: int, out: pathlib.Path) -> pathlib.Path:
+def write_film(trial: FilmedTrial, film: TrialFilm, seed: int, out: pathlib.Path) -> pathlib.Path:
     """Write a film, the tags' layout, pictures of a board, the fastest frame, and the truth.
 
     Args:

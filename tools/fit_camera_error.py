@@ -18,7 +18,12 @@ from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
 from cablecast.motion.trajectory import JointPath, joints_at
-from cablecast.rigs.virtual.camera import Film, VirtualCamera, calibrate_virtual_camera, track_film
+from cablecast.rigs.virtual.camera import (
+    TrialFilm,
+    VirtualCamera,
+    calibrate_virtual_camera,
+    track_film,
+)
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.rigs.virtual.sensing import MODEL_PATH, CameraErrorModel, bias_terms
 from cablecast.vision.calibration import Calibration
@@ -223,7 +228,7 @@ def fit_error_model(
         seed: Seed of the motions, for the record.
     """
     # A cast begins with its marker in sight. Where an arm or a cloth hides it, it is never found.
-    clips = [clip for clip in clips if np.isfinite(clip.tracked_xy[: Film.LEAD]).any()]
+    clips = [clip for clip in clips if np.isfinite(clip.tracked_xy[: TrialFilm.LEAD]).any()]
     low, high = _seen_rectangle(camera, calibration)
     blank = CameraErrorModel(
         camera=calibration.view.position,
@@ -293,7 +298,7 @@ def _fit_scatter(frames: _Frames, left: Array) -> dict[str, float]:
     means, scatter = [], []
     for clip_index in np.unique(frames.clip[still]):
         values = left[still & (frames.clip == clip_index)]
-        for part in (values[: Film.LEAD], values[Film.LEAD :]):
+        for part in (values[: TrialFilm.LEAD], values[TrialFilm.LEAD :]):
             if len(part) >= 4:
                 means.append(part.mean(axis=0))
                 scatter.append(part.var(axis=0, ddof=1))

@@ -5,7 +5,7 @@ import pytest
 
 from cablecast.errors import InputError
 from cablecast.files import seal
-from cablecast.runs.progress import Stage, StageLog, remaining_time, run_stages
+from cablecast.runs.progress import FolderStage, StageLog, remaining_time, run_stages
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def make_stages(tmp_path):
             (tmp_path / name / "metrics.json").write_text("{}")
 
         return [
-            Stage(
+            FolderStage(
                 name=name,
                 title=f"stage {name}",
                 folder=tmp_path / name,

@@ -8,7 +8,7 @@ import pytest
 from cablecast.errors import InputError
 from cablecast.files import seal
 from cablecast.runs.folder import Parts
-from cablecast.tuning.search import Checkpoint
+from cablecast.tuning.search import StoredSteps
 
 CANDIDATES = np.random.default_rng(0).random((4, 10))
 LOSSES = np.array([0.1, 0.2, 1 / 3, 0.4])
@@ -26,7 +26,7 @@ def answer(checkpoint, stage="coarse", candidates=CANDIDATES, evaluate=refuse):
 def parts(tmp_path):
     """Two generations on the disk."""
     parts = Parts(tmp_path / "generations")
-    checkpoint = Checkpoint(parts)
+    checkpoint = StoredSteps(parts)
     answer(checkpoint, evaluate=lambda _: LOSSES)
     answer(checkpoint, "fine", CANDIDATES / 2, lambda _: LOSSES / 2)
     return parts
@@ -40,7 +40,7 @@ def file(parts):
 
 def refusal(file):
     with pytest.raises(InputError) as caught:
-        answer(Checkpoint(Parts(file.parent)))
+        answer(StoredSteps(Parts(file.parent)))
     text = str(caught.value)
     assert "\n" not in text
     assert str(file) in text
@@ -49,7 +49,7 @@ def refusal(file):
 
 
 def test_stored_losses_are_answered_bit_by_bit(parts):
-    checkpoint = Checkpoint(parts)
+    checkpoint = StoredSteps(parts)
     for stage, candidates, expected in (
         ("coarse", CANDIDATES, LOSSES),
         ("fine", CANDIDATES / 2, LOSSES / 2),
@@ -62,20 +62,20 @@ def test_stored_losses_are_answered_bit_by_bit(parts):
 
 
 def test_without_a_folder_nothing_is_stored():
-    for checkpoint in (Checkpoint(None), Checkpoint(None)):
+    for checkpoint in (StoredSteps(None), StoredSteps(None)):
         assert answer(checkpoint, evaluate=lambda _: LOSSES)[1]
 
 
 def test_a_generation_that_is_missing_is_evaluated_again(parts, file):
     file.unlink()
-    assert answer(Checkpoint(parts), evaluate=lambda _: LOSSES)[1]
-    assert not answer(Checkpoint(parts))[1]
+    assert answer(StoredSteps(parts), evaluate=lambda _: LOSSES)[1]
+    assert not answer(StoredSteps(parts))[1]
 
 
 def test_other_candidates_and_other_stages_are_refused(parts):
     for stage, candidates in (("coarse", np.nextafter(CANDIDATES, 1.0)), ("fine", CANDIDATES)):
         with pytest.raises(InputError, match=r"generation 0 in .* holds other candidates"):
-            answer(Checkpoint(parts), stage, candidates)
+            answer(StoredSteps(parts), stage, candidates)
 
 
 @pytest.mark.parametrize(

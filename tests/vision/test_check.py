@@ -95,7 +95,7 @@ def test_a_marker_of_too_few_pixels_is_told():
 
 def lit_check(facts, frame_rate, light, row_time=0.0, seconds=1.5, **settings):
     """Return a check of a table without cable, in a light, by the virtual camera."""
-    from cablecast.rigs.virtual.camera import Film, VirtualCamera
+    from cablecast.rigs.virtual.camera import TrialFilm, VirtualCamera
     from cablecast.rigs.virtual.config import CameraConfig
     from cablecast.rigs.virtual.drawing import FilmedTrial
 
@@ -105,7 +105,7 @@ def lit_check(facts, frame_rate, light, row_time=0.0, seconds=1.5, **settings):
     nodes = np.full((1, 4, 3), [0.0, -3.0, 0.0])
     cable = Setup().cable
     still = FilmedTrial(cable=cable, times=np.array([seconds]), nodes=nodes, joint_path=None)
-    film = Film(VirtualCamera(config), still, 4)
+    film = TrialFilm(VirtualCamera(config), still, 4)
     asked = {"width": 320, "height": 180, "rate": frame_rate, **settings}
     setup = Setup(camera=dataclasses.replace(SETTINGS, **asked))
     looked = CameraCheck(setup, dataclasses.replace(facts, width=320, height=180))

@@ -10,7 +10,7 @@ pytest.importorskip("cv2")
 from cablecast.conventions import tangent
 from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import JointPath
-from cablecast.rigs.virtual.camera import Film
+from cablecast.rigs.virtual.camera import TrialFilm
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
 from cablecast.vision.grip import is_held, turned_into_sight
@@ -30,7 +30,7 @@ def picture(camera, q, start, yaw, seed, bow=0.0):
     nodes[:, :2] += (bow * arc**2)[:, None] * tangent(yaw + np.pi / 2, 0.0)[:2]
     joints = JointPath(times=np.zeros(1), q=q[None], qd=0 * q[None])
     trial = FilmedTrial.of(SETUP, np.zeros(1), nodes[None], joints)
-    return Film(camera, trial, seed).frame(0)
+    return TrialFilm(camera, trial, seed).frame(0)
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from cablecast.errors import CameraError, InputError
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.camera import SYNC_ACTION, sync_camera
 from cablecast.rigs.base import RigLifecycle
-from cablecast.rigs.virtual.camera import Film, VirtualCamera
+from cablecast.rigs.virtual.camera import TrialFilm, VirtualCamera
 from cablecast.rigs.virtual.camera_stream import CameraStream
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial
@@ -110,7 +110,7 @@ def test_a_cast_tells_the_offset_of_the_clocks_where_the_shutter_rolls(config, s
     reported = dataclasses.replace(path, times=path.times + shift)
     late = dataclasses.replace(trial, times=trial.times + shift, joint_path=reported)
     camera = VirtualCamera(config, setup.workspace, None, 0)
-    film, clock = Film(camera, late, 1), CastClock(config.width, config.row_time)
+    film, clock = TrialFilm(camera, late, 1), CastClock(config.width, config.row_time)
     for frame in range(film.frame_count):
         clock.keep(film.frame(frame), film.time(frame) + CLOCK)
     found = clock.sync(reported, setup.arm, camera.view)
@@ -132,7 +132,7 @@ def test_a_cast_that_was_aborted_tells_nothing(setup, player):
 def kept(config, setup, trial):
     """Return the small pictures of a cast, the times of which are the robot's."""
     camera = VirtualCamera(config, setup.workspace, None, 0)
-    film, clock = Film(camera, trial, 1), CastClock(config.width)
+    film, clock = TrialFilm(camera, trial, 1), CastClock(config.width)
     for frame in range(film.LEAD, film.frame_count):
         clock.keep(film.frame(frame), film.time(frame))
     return clock, camera.view

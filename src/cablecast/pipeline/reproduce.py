@@ -29,7 +29,7 @@ from cablecast.pipeline.tune import tune
 from cablecast.report.reproduction import Reproduction, reproduction_page
 from cablecast.rigs.make import make_rig
 from cablecast.runs.folder import Parts, RunFolder
-from cablecast.runs.progress import Progress, ProgressCallback, Stage, run_stages, show
+from cablecast.runs.progress import FolderStage, Progress, ProgressCallback, run_stages, show
 from cablecast.runs.workers import LOCAL, check_workers, connected
 from cablecast.setup import Setup
 from cablecast.task import LANDING
@@ -260,7 +260,7 @@ class _Work:
     workers: str
     progress: ProgressCallback
 
-    def stages(self) -> list[Stage]:
+    def stages(self) -> list[FolderStage]:
         """Return all stages: every method with the first cable, the last two with the others."""
         budget, stages = self.budget, []
 
@@ -268,7 +268,7 @@ class _Work:
             cable: str, name: str, title: str, seconds: float, work: Callable[..., Any], *args: Any
         ) -> None:
             stages.append(
-                Stage(
+                FolderStage(
                     name=f"{cable}/{name}",
                     title=f"{cable}: {title}",
                     folder=self.out / cable / name,

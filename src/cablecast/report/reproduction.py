@@ -49,7 +49,7 @@ _SETUP_STAGES = (*(f"evaluate-{method}" for method in METHOD_NAMES), "select", "
 _TRIAL_NUMBERS = (*("target", "target_x_m", "target_y_m", "landed_x_m", "landed_y_m", "error_pct"),)
 
 
-class Figure(NamedTuple):
+class PagePicture(NamedTuple):
     """A picture inside the page, as a data URI, and the sentence below it."""
 
     uri: str
@@ -62,7 +62,7 @@ class Part(NamedTuple):
     title: str
     paragraphs: Sequence[str] = ()
     tables: Sequence[Table] = ()
-    figures: Sequence[Figure] = ()
+    figures: Sequence[PagePicture] = ()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -110,13 +110,13 @@ class Reproduction:
         targets = np.unique(trials["target"])
         return np.stack([trials["error_pct"][trials["target"] == target] for target in targets])
 
-    def picture(self, cable: str, stage: str, name: str, caption: str) -> tuple[Figure, ...]:
+    def picture(self, cable: str, stage: str, name: str, caption: str) -> tuple[PagePicture, ...]:
         """Return a PNG file that a stage left behind as a figure; nothing where it did not."""
         file = self.folder / cable / stage / name
         if not file.is_file():
             return ()
         uri = "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
-        return (Figure(uri=uri, caption=caption),)
+        return (PagePicture(uri=uri, caption=caption),)
 
 
 def order_of_methods(results: Reproduction) -> list[str]:
@@ -189,7 +189,7 @@ def selection_part(results: Reproduction) -> Part | None:
         ],
         tables=[coverage_table(selection)],
         figures=[
-            Figure(
+            PagePicture(
                 uri=svg_uri(figure),
                 caption="Where the casts of each combination come to rest: concave hulls of "
                 f"ratio {ratio:g} within the half disc of radius "
@@ -208,7 +208,7 @@ def selection_part(results: Reproduction) -> Part | None:
 
 def model_part(results: Reproduction) -> Part | None:
     """Report section V-F: training and fine-tuning of the model."""
-    figures: list[Figure] = []
+    figures: list[PagePicture] = []
     sentences = []
     stage = f"model-{BEST_METHOD}"
     for cable, metrics in results.by_cable(stage).items():
@@ -264,7 +264,7 @@ def method_part(results: Reproduction) -> Part | None:
             measured_table(evaluations, cable),
         ],
         figures=[
-            Figure(
+            PagePicture(
                 uri=svg_uri(error_boxes(ours, published)),
                 caption="The same errors as boxes, above those of the paper.",
             )
@@ -282,7 +282,7 @@ def cable_part(results: Reproduction) -> Part | None:
         trials, workspace = results.trials(cable, BEST_METHOD), results.setup(cable).workspace
         figure = ellipse_map(trials, workspace, metrics["cable_length_m"])
         figures.append(
-            Figure(
+            PagePicture(
                 uri=svg_uri(figure),
                 caption=f"{cable}: targets (numbers), landings (dots), 95 % ellipses of equal "
                 "casts as the paper draws them, where there are enough, and dashed lines from each "

@@ -109,7 +109,7 @@ def svg_uri(figure: "Figure") -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-class View(NamedTuple):
+class MapView(NamedTuple):
     """Part of the plane of the table that a map shows [m]."""
 
     x_min: float
@@ -130,13 +130,13 @@ def workspace_view(
     radius: float = 0.0,
     left: float | None = None,
     right: float | None = None,
-) -> View:
+) -> MapView:
     """Return the view that shows the whole table and the base, with white around them [m].
 
     It reaches at least `radius` straight ahead [m]; `left` and `right` replace the table's x [m].
     """
     half_width = max(workspace.half_width, BASE_RADIUS) + margin
-    return View(
+    return MapView(
         -half_width if left is None else left,
         half_width if right is None else right,
         min(workspace.y_min, -BASE_RADIUS) - margin,
@@ -145,7 +145,7 @@ def workspace_view(
 
 
 def draw_workspace(
-    axes: "Axes", workspace: "Workspace", view: View, *, grid: bool = True, ticks: bool = True
+    axes: "Axes", workspace: "Workspace", view: MapView, *, grid: bool = True, ticks: bool = True
 ) -> None:
     """Draw the table and the robot's base from above, to scale, and fix the limits of the axes."""
     from matplotlib.patches import Circle, Rectangle
@@ -191,7 +191,7 @@ def _multiples(low: float, high: float) -> np.ndarray:
 
 def workspace_panels(
     workspace: "Workspace",
-    view: View,
+    view: MapView,
     count: int = 1,
     *,
     columns: int = 1,

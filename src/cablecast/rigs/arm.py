@@ -14,7 +14,7 @@ from cablecast.errors import CablecastError, JointLimitError, RigError
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
-from cablecast.rigs.driver import CastAbortedError, MotionRecord, Phase, make_driver
+from cablecast.rigs.driver import CastAbortedError, MotionRecord, RigPhase, make_driver
 from cablecast.rigs.path import JointCurve, check_path, joint_move
 from cablecast.setup import Setup
 from cablecast.vision.trials import CameraOfTrials, TrialCamera, TrialTiming
@@ -120,17 +120,17 @@ class RigArm(RigLifecycle):
         check_path(curve, self.setup, "this cast")
         if self._rehearsed < REHEARSAL_COUNT:
             self.driver.ready()
-            self._play("cablecast_rehearsal", curve.slowed(REHEARSAL_SLOWNESS), Phase.CAST)
+            self._play("cablecast_rehearsal", curve.slowed(REHEARSAL_SLOWNESS), RigPhase.CAST)
             self._rehearsed += 1
             self.reset()
             self._use_reset()
         self.driver.ready()
         self.camera.start()
         try:
-            record = self._play("cablecast_cast", curve, Phase.CAST)
+            record = self._play("cablecast_cast", curve, RigPhase.CAST)
             check_reports(record, curve)
             timing, log = self._settle(record, curve)
-            self.driver.set_phase(Phase.READOUT)
+            self.driver.set_phase(RigPhase.READOUT)
         except CastAbortedError as aborted:
             self.camera.cancel()
             return _aborted(str(aborted))
@@ -140,7 +140,7 @@ class RigArm(RigLifecycle):
         track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
         self.last_timing = timing
         lost = track.status is TrialStatus.OK and self._has_lost_cable()
-        self.driver.set_phase(Phase.IDLE)
+        self.driver.set_phase(RigPhase.IDLE)
         if lost:
             return _aborted(
                 "the camera sees no cable in the jaws: it slipped out in this cast. Grip it as "
@@ -165,18 +165,18 @@ class RigArm(RigLifecycle):
         with contextlib.closing(self.camera), contextlib.closing(self.driver):
             self.driver.stop()
             with contextlib.suppress(RigError):
-                self.driver.set_phase(Phase.IDLE)
+                self.driver.set_phase(RigPhase.IDLE)
 
     def _reset_once(self) -> None:
         self.driver.ready()
         self.camera.check(self.driver.latest().time)
         way, reset = reset_motions(self._at_rest(), self.setup)
-        self._play("cablecast_approach", way, Phase.RESET)
-        self._play("cablecast_reset", reset, Phase.RESET)
+        self._play("cablecast_approach", way, RigPhase.RESET)
+        self._play("cablecast_reset", reset, RigPhase.RESET)
         self._wait(_HANG_STILL_TIME)
-        self.driver.set_phase(Phase.IDLE)
+        self.driver.set_phase(RigPhase.IDLE)
 
-    def _play(self, name: str, curve: JointCurve, phase: Phase) -> MotionRecord:
+    def _play(self, name: str, curve: JointCurve, phase: RigPhase) -> MotionRecord:
         try:
             return self.driver.play(name, curve, phase)
         except BaseException:
@@ -186,7 +186,7 @@ class RigArm(RigLifecycle):
     def _settle(self, record: MotionRecord, curve: JointCurve) -> tuple[TrialTiming, ControllerLog]:
         """Wait until the cable has come to rest, and return when all of it took place."""
         driver = self.driver
-        driver.set_phase(Phase.SETTLE)
+        driver.set_phase(RigPhase.SETTLE)
         end = record.start_time + curve.duration + self.robot.settle_time
         tail = record.start_time + curve.duration + _JOINT_TAIL
         self._wait(end - driver.latest().time)
@@ -237,7 +237,7 @@ class RigArm(RigLifecycle):
             way = joint_move(q, seen, TURN_SPEED)
             try:
                 check_path(way, self.setup, "the turn of the jaws")
-                self._play("cablecast_look", way, Phase.READOUT)
+                self._play("cablecast_look", way, RigPhase.READOUT)
             except (JointLimitError, CastAbortedError):
                 # The cast was made, and is kept.
                 return False

@@ -15,7 +15,7 @@ from cablecast.rigs.path import JointCurve
 from cablecast.setup import Setup
 
 
-class Phase(enum.IntEnum):
+class RigPhase(enum.IntEnum):
     """What the rig is doing, for a person who looks at the controller, and for the twin."""
 
     IDLE = 0
@@ -100,7 +100,7 @@ class ArmDriver(Protocol):
         """Return the reports after a time by the controller's clock, oldest first."""
         ...
 
-    def play(self, name: str, curve: JointCurve, phase: Phase) -> MotionRecord:
+    def play(self, name: str, curve: JointCurve, phase: RigPhase) -> MotionRecord:
         """Play a motion to its end, and watch it; the arm stands at its start.
 
         Whatever happens, the arm must not go on moving when this returns or raises.
@@ -116,7 +116,7 @@ class ArmDriver(Protocol):
         """Refuse an arm that is not as it was when the motion began, from a new report."""
         ...
 
-    def set_phase(self, phase: Phase) -> None:
+    def set_phase(self, phase: RigPhase) -> None:
         """Say what the rig is doing; harmless where nobody listens."""
         ...
 

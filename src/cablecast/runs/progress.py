@@ -141,7 +141,7 @@ _STAGES = "stages"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Stage:
+class FolderStage:
     """One run folder, and the work that fills it.
 
     Attributes:
@@ -183,7 +183,7 @@ class StageLog:
 
 
 def run_stages(
-    stages: Sequence[Stage], folder: pathlib.Path, report: ProgressCallback = ignore
+    stages: Sequence[FolderStage], folder: pathlib.Path, report: ProgressCallback = ignore
 ) -> StageLog:
     """Run the stages that are not done yet, in order, and return their times.
 
@@ -210,7 +210,7 @@ def run_stages(
     return log
 
 
-def remaining_time(stages: Sequence[Stage], log: StageLog) -> float:
+def remaining_time(stages: Sequence[FolderStage], log: StageLog) -> float:
     """Return the expected time of the stages that are not done [s], at the pace of this machine."""
     done = [stage for stage in stages if stage.done and stage.name in log.seconds]
     expected = sum(stage.expected for stage in done)

@@ -105,7 +105,7 @@ def latin_hypercube(count: int, dimension: int, rng: np.random.Generator) -> NDA
 Result = TypeVar("Result")
 
 
-class Checkpoint:
+class StoredSteps:
     """Evaluated generations of a search, or the steps of a fit.
 
     Args:

@@ -22,7 +22,7 @@ from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.tuning.ensemble import MEMBER_COUNT, fit_ensemble
 from cablecast.tuning.fit import MISFIT_START, FitConfig, FitState, TrackFit
-from cablecast.tuning.search import POPULATION_MAX, POPULATION_MIN, Checkpoint, SearchDE
+from cablecast.tuning.search import POPULATION_MAX, POPULATION_MIN, SearchDE, StoredSteps
 from cablecast.tuning.space import (
     BOUND_DISTANCE,
     ParamPosterior,
@@ -123,7 +123,7 @@ def tune_params(
     config, cable = config or TuneConfig(), setup.cable
     space = SearchSpace.for_cable(cable)
     search = SearchDE(space.to_unit(cable.params), config.population_size, config.seed)
-    stored = Checkpoint(checkpoint)
+    stored = StoredSteps(checkpoint)
     log = _Log(cable, progress, 1 + config.generations, stored)
     objective = TrackObjective(engine, cable, training)
     # Created here so that unusable validation tracks are refused before the search, not after it.
@@ -182,7 +182,7 @@ def _effort(stage: str, space: SearchSpace) -> float:
 class _Log:
     """History of a search or a fit, whose steps it reports, and its simulations by stage."""
 
-    def __init__(self, cable: Cable, progress: ProgressCallback, total: int, stored: Checkpoint):
+    def __init__(self, cable: Cable, progress: ProgressCallback, total: int, stored: StoredSteps):
         self.cable, self.progress, self.total = cable, progress, total
         self.stored = stored
         self.counts = {COARSE: 0, FINE: 0, ENSEMBLE: 0}
@@ -317,7 +317,7 @@ def fit_params(
             to another fit.
     """
     config, cable = config or FitConfig(), setup.cable
-    stored = Checkpoint(checkpoint)
+    stored = StoredSteps(checkpoint)
     fine = TrackObjective(engine, cable, training)
     coarse = TrackObjective(coarse_engine, cable, training)
     # A rod that has none of what a material adds, as a simulated one may, is followed worse with

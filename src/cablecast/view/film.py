@@ -18,7 +18,7 @@ from cablecast.files import write_bytes, write_text
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.view.look import Shot
-from cablecast.view.scene import Figure, Table, start_server, stop_server
+from cablecast.view.scene import Figure, TableScene, start_server, stop_server
 from cablecast.view.shapes import (
     ARM,
     BLUE,
@@ -344,7 +344,7 @@ def film_html(
     try:
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = viewpoint(setup)
-        table = Table(server, setup)
+        table = TableScene(server, setup)
         solid = Figure(server, "/solid", setup, BLUE)
         ghost = Figure(server, "/ghost", setup, PURPLE, opacity=0.5, with_arm=False)
         solid.show(shots[0].cast, 0.0)

@@ -336,7 +336,7 @@ class Figure:
                 handle.visible = visible
 
 
-class Table:
+class TableScene:
     """What lies on the table: scale, base frame, target, expectation, landings, and the map."""
 
     def __init__(self, server: "viser.ViserServer", setup: Setup):
@@ -659,7 +659,7 @@ class Stage:
         meshes: ArmMeshes | None,
     ):
         self._server, self._setup, self._meshes = server, setup, meshes
-        self.table = Table(server, setup)
+        self.table = TableScene(server, setup)
         self.player = Player(rate=rate)
         # Those that were shown so far.
         self.figures: dict[str, Figure] = {}

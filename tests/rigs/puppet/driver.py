@@ -8,7 +8,7 @@ from tests.rigs.puppet.config import RobotPuppet
 
 from cablecast.errors import InputError, RigError
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.driver import ArmReport, MotionRecord, Phase
+from cablecast.rigs.driver import ArmReport, MotionRecord, RigPhase
 from cablecast.rigs.path import JointCurve
 from cablecast.setup import Setup
 
@@ -53,7 +53,7 @@ class DriverPuppet:
     def since(self, when: float) -> list[ArmReport]:
         return [report for report in self.reports if report.time > when]
 
-    def play(self, name: str, curve: JointCurve, phase: Phase) -> MotionRecord:
+    def play(self, name: str, curve: JointCurve, phase: RigPhase) -> MotionRecord:
         self.played.append(name)
         start = self.latest().time
         self.is_moving = True
@@ -71,7 +71,7 @@ class DriverPuppet:
     def check_standing(self) -> None:
         self.latest()
 
-    def set_phase(self, phase: Phase) -> None:
+    def set_phase(self, phase: RigPhase) -> None:
         pass
 
     def stop(self) -> None:

@@ -11,10 +11,10 @@ import pytest
 
 from cablecast.errors import RigError, StoppedError
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.driver import CastAbortedError, Phase
+from cablecast.rigs.driver import CastAbortedError, RigPhase
 from cablecast.rigs.path import joint_move
 from cablecast.rigs.ur.link import UrLink, check_ready
-from cablecast.rigs.ur.player import Player
+from cablecast.rigs.ur.player import ProgramPlayer
 from cablecast.rigs.ur.program import motion_program
 from cablecast.setup import save_setup
 
@@ -49,7 +49,7 @@ def link(twin):
 
 @pytest.fixture
 def player(link, twin):
-    return Player(link, twin[1].robot)
+    return ProgramPlayer(link, twin[1].robot)
 
 
 def way(link, setup, turn=0.3, speed=0.6):
@@ -94,14 +94,14 @@ def test_an_e_series_reports_at_500_hz_and_stops_as_soon(make_twin):
     link = UrLink(setup.robot)
     try:
         check_ready(link, setup.robot)
-        player = Player(link, setup.robot)
+        player = ProgramPlayer(link, setup.robot)
         record = player.play("cablecast_test", way(link, setup))
         # A busy computer misses reports; the most common step is that of the controller.
         steps = np.round(np.diff([r.time for r in record.reports]), 4)
         assert np.median(steps) == 0.002
         process.admin.fault("protective_stop", "cast", 0.4)
         points = way(link, setup, turn=0.6)
-        link.set_phase(Phase.CAST)
+        link.set_phase(RigPhase.CAST)
         with pytest.raises(RigError, match="protective stop"):
             player.play("cablecast_test", points)
         assert time_to_rest(process, "fault") < REST_TIME_MAX
@@ -126,8 +126,8 @@ def test_a_fault_in_the_motion_stops_the_arm_and_says_what_to_do(
     process, setup = twin
     points = way(link, setup, turn=0.6)
     if fault == "network_lost":
-        player = Player(link, dataclasses.replace(setup.robot, watchdog=WATCHDOG))
-    link.set_phase(Phase.CAST)
+        player = ProgramPlayer(link, dataclasses.replace(setup.robot, watchdog=WATCHDOG))
+    link.set_phase(RigPhase.CAST)
     process.admin.fault(fault, "cast", 0.5)
     with pytest.raises(error, match=words):
         player.play("cablecast_test", points)
@@ -140,7 +140,7 @@ def test_a_fault_in_the_motion_stops_the_arm_and_says_what_to_do(
     again = UrLink(setup.robot)
     try:
         check_ready(again, setup.robot)
-        Player(again, setup.robot).play("cablecast_test", way(again, setup))
+        ProgramPlayer(again, setup.robot).play("cablecast_test", way(again, setup))
     finally:
         again.close()
 
@@ -215,7 +215,7 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
             import numpy as np
             from cablecast.rigs.ur.link import UrLink
             from cablecast.rigs.path import joint_move
-            from cablecast.rigs.ur.player import Player
+            from cablecast.rigs.ur.player import ProgramPlayer
             from cablecast.setup import load_setup
 
             setup = load_setup(sys.argv[1])
@@ -232,7 +232,7 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
 
             # A play that fails ends the process, with its error and not by the kill.
             threading.Thread(target=kill, daemon=True).start()
-            Player(link, setup.robot).play("cablecast_test", points)
+            ProgramPlayer(link, setup.robot).play("cablecast_test", points)
             """
         )
     )

@@ -22,7 +22,7 @@ from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.arm import APPROACH_SPEED, RigArm, check_reports, curve_of
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.driver import CastAbortedError, MotionRecord, Phase
+from cablecast.rigs.driver import CastAbortedError, MotionRecord, RigPhase
 from cablecast.rigs.path import JointCurve, check_path, joint_move
 from cablecast.rigs.ur.link import Report
 
@@ -38,7 +38,7 @@ class RigQuick(RigArm):
         home = self.setup.arm.inverse(np.asarray(reset_pose(self.setup.workspace), dtype=float))
         way = joint_move(self._at_rest(), home, APPROACH_SPEED)
         check_path(way, self.setup, "the way back")
-        self._play("cablecast_approach", way, Phase.RESET)
+        self._play("cablecast_approach", way, RigPhase.RESET)
         self._wait(0.2)
 
 

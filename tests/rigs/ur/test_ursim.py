@@ -10,7 +10,7 @@ from tests.robot import ROBOT
 from cablecast.rigs.driver import CastAbortedError
 from cablecast.rigs.path import JointCurve, joint_move
 from cablecast.rigs.ur.link import UrLink, check_ready
-from cablecast.rigs.ur.player import Player
+from cablecast.rigs.ur.player import ProgramPlayer
 from cablecast.rigs.ur.program import PROGRAM_SIZE_MAX, motion_program
 
 pytestmark = [
@@ -33,7 +33,7 @@ def player():
         box_high=(2.0, 2.0, 2.0),
     )
     link = UrLink(robot)
-    yield Player(link, robot)
+    yield ProgramPlayer(link, robot)
     link.close()
 
 

@@ -12,7 +12,7 @@ from cablecast.errors import RigError, StoppedError
 from cablecast.rigs.driver import CastAbortedError
 from cablecast.rigs.path import JointCurve
 from cablecast.rigs.ur.link import Report, check_arm, check_ready
-from cablecast.rigs.ur.player import Player
+from cablecast.rigs.ur.player import ProgramPlayer
 from cablecast.rigs.ur.program import ProgramState, motion_program
 from cablecast.rigs.ur.rtde import NUMBER
 
@@ -128,7 +128,7 @@ class ScriptedLink:
 
 
 def play(link):
-    return Player(link, ROBOT).play("cast", CURVE)
+    return ProgramPlayer(link, ROBOT).play("cast", CURVE)
 
 
 def test_a_motion_that_is_as_it_should_be_is_kept_from_its_start():

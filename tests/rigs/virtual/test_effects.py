@@ -23,7 +23,7 @@ from cablecast.rigs.virtual._hidden import (
     hidden_table,
 )
 from cablecast.rigs.virtual.config import TrialNoise, VirtualConfig
-from cablecast.rigs.virtual.forces import CableForces, friction_map
+from cablecast.rigs.virtual.forces import LabForces, friction_map
 from cablecast.rigs.virtual.scene import CableMotion, build_scene
 from cablecast.rigs.virtual.trials import ASIDE_MAX, Drift, Trial, initial_curl, reset_shape
 from cablecast.setup import Setup
@@ -53,7 +53,7 @@ def forces(truth, table=FLAT):
     arc = np.linspace(0.0, CABLE.length, COUNT)
     base = np.array([truth.friction * (1.0 + truth.static_excess)])
     surface = friction_map(table, Workspace())
-    return CableForces(CABLE, truth, surface, arc, masses, base, np.zeros((1, 2, COUNT - 2)))
+    return LabForces(CABLE, truth, surface, arc, masses, base, np.zeros((1, 2, COUNT - 2)))
 
 
 def motion(speed=(0.0, 0.0), angle=None, place=(0.0, 0.6)):

@@ -7,7 +7,7 @@ import pytest
 
 from cablecast.cable import Attachment, load_cable
 from cablecast.rigs.virtual._hidden import HiddenTable, hidden_cable, hidden_table
-from cablecast.rigs.virtual.forces import CELL, GRAVITY, CableForces, friction_map
+from cablecast.rigs.virtual.forces import CELL, GRAVITY, LabForces, friction_map
 from cablecast.rigs.virtual.scene import CableMotion, build_scene
 from cablecast.workspace import Workspace
 
@@ -55,7 +55,7 @@ def forces(cable, truth, friction_map=EVEN, curl=None):
     masses = np.full(COUNT, truth.mass / (COUNT - 1))
     arc = np.linspace(0.0, cable.length, COUNT)
     curl = np.zeros((1, 2, COUNT - 2)) if curl is None else curl
-    return CableForces(cable, truth, friction_map, arc, masses, np.array([truth.friction]), curl)
+    return LabForces(cable, truth, friction_map, arc, masses, np.array([truth.friction]), curl)
 
 
 def weight(truth):
@@ -155,7 +155,7 @@ def test_a_weightless_cable_rests_on_the_arc_of_its_curl_and_the_arc_turns_with_
     data.qpos[rolls] = roll
     curl = np.zeros((1, 2, len(scene.arc_lengths) - 2))
     curl[:, 0] = 1.5
-    model = CableForces(
+    model = LabForces(
         bare, truth, EVEN, scene.arc_lengths, scene.masses, np.array([truth.friction]), curl
     )
     for _ in range(2000):

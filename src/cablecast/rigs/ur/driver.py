@@ -5,11 +5,11 @@ from typing import Any
 
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import InputError, RigError
-from cablecast.rigs.driver import MotionRecord, Phase
+from cablecast.rigs.driver import MotionRecord, RigPhase
 from cablecast.rigs.path import JointCurve
 from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.link import BY_HAND, Report, UrLink, check_arm, check_ready, check_report
-from cablecast.rigs.ur.player import Player
+from cablecast.rigs.ur.player import ProgramPlayer
 from cablecast.rigs.ur.program import UNDER_WAY
 from cablecast.setup import Setup
 
@@ -69,17 +69,17 @@ class DriverUR:
         """Return the reports after a time by the controller's clock, oldest first."""
         return self._held().since(when)
 
-    def play(self, name: str, curve: JointCurve, phase: Phase) -> MotionRecord:
+    def play(self, name: str, curve: JointCurve, phase: RigPhase) -> MotionRecord:
         """Play a motion to its end, watch it, and stop the arm if anything is not as it should."""
         link = self._connected()
         link.set_phase(phase)
-        return Player(link, self.robot).play(name, curve)
+        return ProgramPlayer(link, self.robot).play(name, curve)
 
     def check_standing(self) -> None:
         """Refuse an arm that is not as the lab file says, from a new report."""
         check_report(self._held().wait_for_report(), self.robot)
 
-    def set_phase(self, phase: Phase) -> None:
+    def set_phase(self, phase: RigPhase) -> None:
         """Write what the rig is doing into a register."""
         self._held().set_phase(phase)
 
@@ -88,7 +88,7 @@ class DriverUR:
         link = self._link
         newest = link.reports[-1] if link is not None and link.is_alive else None
         if link and newest and newest.is_playing and newest.state in UNDER_WAY:
-            Player(link, self.robot).stop()
+            ProgramPlayer(link, self.robot).stop()
 
     def close(self) -> None:
         """Let go of the controller; it may be called twice."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.errors import RigError
-from cablecast.rigs.driver import ArmReport, Phase
+from cablecast.rigs.driver import ArmReport, RigPhase
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
 from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.rtde import (
@@ -214,7 +214,7 @@ class UrLink:
         """Ask the program of a number to stop; one that comes later does not heed it."""
         self._tell(do="write", register=STOP, value=number)
 
-    def set_phase(self, phase: Phase) -> None:
+    def set_phase(self, phase: RigPhase) -> None:
         """Say what the rig is doing."""
         self._tell(do="write", register=PHASE, value=phase)
 

@@ -32,7 +32,7 @@ _POLL = 0.002
 _START_TOLERANCE = 1e-3
 
 
-class Player:
+class ProgramPlayer:
     """Plays motions one after another.
 
     Args:

@@ -23,7 +23,7 @@ CB3_MODELS = ("ur3", "ur5", "ur10")
 """Arms of the first of them; the others move all that came later."""
 BEAT, STOP, PHASE = 0, 1, 2
 """Input registers, counted from the robot's `input_register`: a number that this computer changes
-as long as all is well; number of the program that shall stop; a `Phase`, what the rig is doing."""
+as long as all is well; number of the program that shall stop; a `RigPhase`: what the rig does."""
 STATE, TICK, NUMBER = 0, 1, 2
 """Output registers, counted from its `output_register`: a `ProgramState`; time of the set point
 that is being approached, in units of `TICK_DT`, 0 before the motion; number of the program, so that

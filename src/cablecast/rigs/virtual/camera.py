@@ -76,9 +76,9 @@ class VirtualCamera:
         layout = None if setup.camera is None else setup.camera.tags
         return cls(config, setup.workspace, layout, seed)
 
-    def film(self, trial: FilmedTrial, seed: int = 0) -> "Film":
+    def film(self, trial: FilmedTrial, seed: int = 0) -> "TrialFilm":
         """Return a film of one trial, whose light and noise are drawn from a seed."""
-        return Film(self, trial, seed)
+        return TrialFilm(self, trial, seed)
 
     def picture(self, track: EndpointTrack, setup: Setup, seed: int = 0) -> Image | None:
         """Return the table at the end of a trial, BGR, shape [v, u, 3]; None without its nodes.
@@ -92,7 +92,7 @@ class VirtualCamera:
             q = joints_at(track.joint_path, track.times[-1:])
             path = JointPath(times=now, q=q, qd=np.zeros_like(q))
         trial = FilmedTrial.of(setup, now, track.nodes[-1:], path)
-        return self.film(trial, seed).frame(Film.LEAD)
+        return self.film(trial, seed).frame(TrialFilm.LEAD)
 
     def empty_frame(self, seed: int = 0) -> Image:
         """Draw a picture of the table without cable and arm."""
@@ -188,7 +188,7 @@ class VirtualCamera:
         return cv2.add(canvas, piece, dtype=cv2.CV_8U)
 
 
-class Film:
+class TrialFilm:
     """The frames of one trial; frame 0 is taken at `start` before the motion starts.
 
     Args:
@@ -305,7 +305,7 @@ class Film:
 
 
 def track_film(
-    film: Film, calibration: Calibration, marker: MarkerConfig | None = None
+    film: TrialFilm, calibration: Calibration, marker: MarkerConfig | None = None
 ) -> EndpointTracker:
     """Run the tracker over a film, drawing only what it looks at.
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.camera.tags import TagLayout
 from cablecast.errors import RigError, UnknownNameError, check_number
 from cablecast.motion.trajectory import JointPath
-from cablecast.rigs.virtual.camera import Film, VirtualCamera
+from cablecast.rigs.virtual.camera import TrialFilm, VirtualCamera
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.rigs.virtual.drawing import FilmedTrial, draw_background
 from cablecast.setup import Setup
@@ -55,7 +55,7 @@ _AHEAD_MAX = 10
 _State = tuple[float, Array | None, Array]
 
 
-class LiveFilm(Film):
+class LiveFilm(TrialFilm):
     """A film of what is shown instant by instant."""
 
     LEAD = 0

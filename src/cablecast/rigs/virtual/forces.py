@@ -125,7 +125,7 @@ _TINY = wp.constant(wp.float64(1e-12))
 
 
 @wp.struct
-class CableState:
+class LabState:
     """Where the active cables are, and how they move.
 
     Attributes:
@@ -402,7 +402,7 @@ def _moment(
 def sum_forces(
     worlds: wp.array[wp.int32],
     elapsed: wp.float64,
-    state: CableState,
+    state: LabState,
     cable: CableProperties,
     table: TableProperties,
     memory: CableMemory,
@@ -492,7 +492,7 @@ _OF_CABLE = (
 _OF_TABLE = ("static_excess", "stribeck_speed", "friction_rise")
 
 
-class CableForces:
+class LabForces:
     """Forces on the free vertices of a batch of cables.
 
     Args:
@@ -526,7 +526,7 @@ class CableForces:
         # Arrays of Warp's that numpy sees: nothing is allocated or copied from window to window.
         self._worlds: Any = wp.zeros(world_count, dtype=wp.int32, device="cpu")
         self._force: Any = wp.zeros((world_count, free_count), dtype=wp.vec3d, device="cpu")
-        state, self._views = CableState(), []
+        state, self._views = LabState(), []
         for name, width, dtype in (
             ("vertices", free_count + 2, wp.vec3d),
             ("velocity", free_count + 2, wp.vec3d),

@@ -31,7 +31,7 @@ from cablecast.rigs.virtual._hidden import (
 )
 from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import VirtualConfig
-from cablecast.rigs.virtual.forces import CableForces, friction_map
+from cablecast.rigs.virtual.forces import LabForces, friction_map
 from cablecast.rigs.virtual.scene import Scene, build_scene
 from cablecast.rigs.virtual.trials import Drift, Trial, initial_curl, reset_shape
 from cablecast.setup import Setup
@@ -150,7 +150,7 @@ class Cables:
             friction[world, ..., 0] *= trial.friction_factor
             tip_friction[world, :, 0] *= trial.friction_factor
             scene.lay_down(self._qpos[world], poses[world], shapes[world], trial.tip_roll)
-        self._forces = CableForces(
+        self._forces = LabForces(
             lab.setup.cable,
             lab._truth,
             lab._map,

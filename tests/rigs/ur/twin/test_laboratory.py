@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from cablecast.rigs.arm import REPORT_GAP_MAX
-from cablecast.rigs.driver import Phase
+from cablecast.rigs.driver import RigPhase
 from cablecast.rigs.path import joint_move
 from cablecast.rigs.ur.program import motion_program
 from cablecast.rigs.ur.rtde import BEAT, PHASE
@@ -88,7 +88,7 @@ def test_a_fault_comes_in_a_phase_that_begins_and_ends_between_two_ticks(twin_se
         # Both arrive as one piece.
         written = b"".join(
             frame(DATA_PACKAGE, struct.pack(">Bi", recipe, phase))
-            for phase in (Phase.READOUT, Phase.IDLE)
+            for phase in (RigPhase.READOUT, RigPhase.IDLE)
         )
         laboratory.faults.append(Fault("speed_slider", "readout"))
         laboratory.tick()

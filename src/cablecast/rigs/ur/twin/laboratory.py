@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cablecast.conventions import finite_or_none, tangent
 from cablecast.errors import CablecastError, InputError, check_count, check_number, check_seed
 from cablecast.motion.polar import reset_pose
-from cablecast.rigs.driver import Phase
+from cablecast.rigs.driver import RigPhase
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
 from cablecast.rigs.ur.program import ProgramState
 from cablecast.rigs.ur.rtde import CB3_MODELS, PHASE, RTDE_PORT, STATE
@@ -407,7 +407,7 @@ class TwinLaboratory:
         controller = self.controller
         robot = controller.robot
         index = int(controller.inputs[f"input_int_register_{robot.input_register + PHASE}"])
-        phase = next((phase.name.lower() for phase in Phase if phase == index), "idle")
+        phase = next((phase.name.lower() for phase in RigPhase if phase == index), "idle")
         moving = controller.int_registers[robot.output_register + STATE] == ProgramState.MOVING
         if phase == "cast" and not (controller.is_running_program and moving):
             return "approach"
