@@ -73,6 +73,11 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         (*PHYSICS, "data"),
         "throughput of a Ray cluster on this machine and of one thread",
     ),
+    "replay": (
+        "replay:main",
+        (*LABORATORY, "tuning", "exports"),
+        "exported cables in other simulators, against measured casts",
+    ),
     "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),
     "faults": ("faults:main", ROBOT, "faults of robot, camera and cable in every phase"),
     "effects": (
@@ -109,6 +114,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),
     "reproduce-labs": ("reproduce --quick --cables cable_1 --labs 0 1 2", 1.0),
     "uneven": ("uneven", 0.3),
+    "replay": ("replay", 0.3),
     "effects": ("effects --count 10", 0.3),
     "validation": ("validation", 0.2),
     "faults": ("faults", 1.5),

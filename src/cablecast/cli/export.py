@@ -1,4 +1,4 @@
-"""`cablecast export`: write a dataset in the layout of LeRobot."""
+"""`cablecast export`: a dataset in the layout of LeRobot, a cable for other simulators."""
 
 import dataclasses
 import pathlib
@@ -6,28 +6,58 @@ from typing import Annotated
 
 import tyro
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import CableName, LabFile, argument
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Export:
-    """Write casts of a rig as a LeRobot data set (version 3), one episode per cast.
+    """Write casts as a LeRobot data set (version 3), or a cable for other simulators.
 
-    A frame holds the joints, the commanded joints of the next frame, and the cable's end. The
-    folder is written whole or not at all. Takes seconds, longer with films.
+    Of casts, each is an episode. A frame holds the joints, the commanded joints of the next frame,
+    and the cable's end. The folder is written whole or not at all. Takes seconds, longer with
+    films. `cablecast export cable` writes a fitted cable, with its uncertainty, as models of
+    MuJoCo (a chain of capsules, and a 1-D flex), PyBullet (URDF and a script), Newton and
+    PyElastica (scripts). Units, laws, and what a model leaves out stand in the files.
     """
 
-    dataset: Annotated[tyro.conf.Positional[pathlib.Path], argument("DATASET")]
-    """Folder of casts that `cablecast collect` or `cablecast import` made."""
+    dataset: Annotated[tyro.conf.Positional[pathlib.Path], argument("DATASET|cable")]
+    """Folder of casts that `cablecast collect` or `cablecast import` made; or the word cable."""
+    setup: LabFile = None
+    cable: CableName = None
+    params: Annotated[pathlib.Path | None, argument("FILE", "runs/CABLE/tune")] = None
+    """Parameters that `cablecast tune` found (params.json, or its folder), for cable."""
+    segment_count: Annotated[int | None, argument("INT", "25, for PyBullet 18")] = None
+    """Segments of the models, for cable."""
     fps: int = 10
     """Frames per second; tracks have 10 samples a second."""
     films: Annotated[pathlib.Path | None, argument("DIR", "none")] = None
     """Folder with a film of each cast, 000000.mp4 and so on, which starts with the motion."""
-    out: Annotated[pathlib.Path | None, argument("DIR", "DATASET-lerobot")] = None
-    """New folder of the data set."""
+    out: Annotated[
+        pathlib.Path | None, argument("DIR", "DATASET-lerobot, or runs/CABLE/models")
+    ] = None
+    """New folder of the data set, or folder of the models."""
 
     def run(self) -> None:
         """Export, and print where it lies."""
+        if self.dataset == pathlib.Path("cable"):
+            self._export_cable()
+        else:
+            self._export_casts()
+
+    def _export_cable(self) -> None:
+        from cablecast.cli.options import load_lab
+        from cablecast.pipeline.export import export_cable
+        from cablecast.runs.places import TUNE_FOLDER, cable_folder
+        from cablecast.tuning.tuned import load_tuned
+
+        setup = load_lab(self.setup, self.cable)
+        folder = cable_folder(setup.cable.name)
+        tuned = load_tuned(self.params or folder / TUNE_FOLDER, setup)
+        out = self.out or folder / "models"
+        for path in export_cable(tuned, out, segment_count=self.segment_count):
+            print(path)
+
+    def _export_casts(self) -> None:
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.export import export_dataset

@@ -65,15 +65,41 @@ _CONTACT_TIME = 4e-3
 _SOLIMP = "0.9999 0.9999 0.001"
 
 
-def rod_model(cable: Cable, segment_count: int, dt: float, gravity: float, *, held: bool) -> str:
+def rod_model(
+    cable: Cable,
+    segment_count: int,
+    dt: float,
+    gravity: float,
+    *,
+    held: bool,
+    values: bool = False,
+) -> str:
     """Return the model as XML, with the cable straight along y from the origin.
 
-    Stiffness, masses, friction and damping are placeholders of 1 that the engine replaces for each
-    world. `held` is true where the far end is driven along a path, too.
+    Stiffness, masses, friction and damping are those of the cable where `values` is set, which then
+    lies on the table; otherwise placeholders of 1 that the engine replaces for each world. Linear
+    damping, which MJCF refuses the nodes of a flex, is 0. `held` is true where the far end is
+    driven along a path, too.
     """
     count = segment_count
     length = cable.length / count
     second_moment = math.pi * cable.radius**4 / 4
+    bend = twist = viscosity = roll_inertia = 1.0
+    mass, roll_damping = np.ones(count + 1), 0.0
+    friction, height = "1 0.001 0.001", 0.0
+    if values:
+        params = cable.params
+        segment_mass = float(params.mass) / count
+        mass = np.full(count + 1, segment_mass)
+        mass[-1] = 0.5 * segment_mass + float(params.endpoint_mass)
+        bend, twist = float(params.bend_stiffness), float(params.twist_stiffness)
+        roll_inertia = max(0.5 * segment_mass * cable.radius**2, _ROLL_INERTIA_MIN)
+        roll_damping = float(params.angular_damping) * roll_inertia
+        diffusivity = float(params.angular_damping) * (cable.length / REFERENCE_SEGMENT_COUNT) ** 2
+        viscosity = diffusivity / 12 * segment_mass / length**2
+        arms = (params.friction, params.spinning_friction, params.rolling_friction)
+        friction = " ".join(f"{max(float(arm), 1e-5):.9g}" for arm in arms)
+        height = cable.radius
     hand_joints = ("slide 1 0 0", "slide 0 1 0", "slide 0 0 1", "hinge 0 0 -1", "hinge 1 0 0")
     joints, servos, bodies, rolls, tendons = [], [], [], [], []
     for index, joint in enumerate(hand_joints):
@@ -87,19 +113,21 @@ def rod_model(cable: Cable, segment_count: int, dt: float, gravity: float, *, he
             for c, axis in enumerate(("1 0 0", "0 1 0", "0 0 1"))
         )
         bodies.append(
-            f'<body name="node_{node}" pos="0 {node * length:.17g} 0" gravcomp="{int(driven)}">'
-            f'<inertial pos="0 0 0" mass="1" diaginertia="1e-9 1e-9 1e-9"/>{slides}</body>'
+            f'<body name="node_{node}" pos="0 {node * length:.17g} {height:.17g}" '
+            f'gravcomp="{int(driven)}">'
+            f'<inertial pos="0 0 0" mass="{mass[node]:.9g}" diaginertia="1e-9 1e-9 1e-9"/>{slides}</body>'
         )
         # MuJoCo finds the roll joint of each edge by these names.
         name = "cable_twist" if node == count else f"cable_twist_{node}"
         rolls.append(
-            f'<body name="{name}"><inertial pos="0 0 0" mass="1e-9" diaginertia="1 1 1"/>'
-            f'<joint name="{name}" type="hinge" axis="0 1 0"/></body>'
+            f'<body name="{name}"><inertial pos="0 0 0" mass="1e-9" '
+            f'diaginertia="{roll_inertia:.9g} {roll_inertia:.9g} {roll_inertia:.9g}"/>'
+            f'<joint name="{name}" type="hinge" axis="0 1 0" damping="{roll_damping:.9g}"/></body>'
         )
         for c in range(3):
             before = f"hand_{c}" if node == 1 else f"node_{node - 1}_{c}"
             tendons.append(
-                f'<fixed damping="1"><joint joint="{before}" coef="-1"/>'
+                f'<fixed damping="{viscosity:.9g}"><joint joint="{before}" coef="-1"/>'
                 f'<joint joint="node_{node}_{c}" coef="1"/></fixed>'
             )
             if driven:
@@ -115,7 +143,7 @@ def rod_model(cable: Cable, segment_count: int, dt: float, gravity: float, *, he
 </option>
 <worldbody>
   <geom name="table" type="plane" size="0 0 1"/>
-  <body name="hand" gravcomp="1">
+  <body name="hand" pos="0 0 {height:.17g}" gravcomp="1">
     <inertial pos="0 0 0" mass="{HAND_MASS}"
               diaginertia="{HAND_MASS} {HAND_MASS} {HAND_MASS}"/>{"".join(joints)}
   </body>
@@ -125,9 +153,9 @@ def rod_model(cable: Cable, segment_count: int, dt: float, gravity: float, *, he
 <deformable>
   <flex name="cable" dim="1" radius="{cable.radius:.17g}" body="{names}" vertex="{vertices}"
         element="{elements}">
-    <contact condim="6" friction="1 0.001 0.001" priority="1" solref="{contact_time:.17g} 1"
+    <contact condim="6" friction="{friction}" priority="1" solref="{contact_time:.17g} 1"
              solimp="{_SOLIMP}" selfcollide="none"/>
-    <elasticity young="{1.0 / second_moment:.17g}" shear="{0.5 / second_moment:.17g}" damping="0"/>
+    <elasticity young="{bend / second_moment:.17g}" shear="{0.5 * twist / second_moment:.17g}" damping="0"/>
   </flex>
 </deformable>
 <equality><flex flex="cable" solref="{dt:.17g} 1" solimp="{_SOLIMP}"/></equality>

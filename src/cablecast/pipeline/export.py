@@ -1,4 +1,4 @@
-"""export_dataset: a dataset in the layout of LeRobot."""
+"""export_dataset: a dataset in the layout of LeRobot. export_cable: a cable for other simulators."""
 
 import itertools
 import math
@@ -13,8 +13,11 @@ import numpy as np
 from cablecast.data.dataset import Dataset
 from cablecast.data.lerobot import VIDEO_FILE, Episode, Video, episodes_of, write_tables
 from cablecast.errors import DatasetError, InputError, check_count
-from cablecast.files import remove_leftovers, temporary_prefix
+from cablecast.exports import mujoco_, pybullet_, rods
+from cablecast.exports.facts import CableModel
+from cablecast.files import remove_leftovers, temporary_prefix, write_text
 from cablecast.runs.progress import Progress, ProgressCallback, show
+from cablecast.tuning.tuned import Tuned
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.video import Image, read_video, write_video
 
@@ -71,6 +74,48 @@ def export_dataset(
         shutil.rmtree(part, ignore_errors=True)
         raise
     return out
+
+
+SEGMENT_COUNT = 25
+"""Segments of an exported chain: two dozen capsules are what other simulators play in good time."""
+BULLET_SEGMENT_COUNT = 18
+"""Segments for PyBullet, as in the paper: its springs are explicit, and take longer segments."""
+
+
+def export_cable(
+    tuned: Tuned, out: str | os.PathLike[str], *, segment_count: int | None = None
+) -> list[pathlib.Path]:
+    """Write a cable as models of MuJoCo, PyBullet, Newton and PyElastica, and return the files.
+
+    Args:
+        tuned: The fitted cable, with its uncertainty.
+        out: Folder of the files, which are replaced where they exist.
+        segment_count: Segments of the models; by default 25, for PyBullet 18.
+
+    Raises:
+        InputError: The number of segments is out of bounds, or the cable's parameters are given
+            per world.
+    """
+    if segment_count is not None:
+        check_count("segment_count", segment_count, 2, 100)
+    if tuned.params.world_count is not None:
+        raise InputError("a cable to export has one set of parameters, not one per world")
+    out, cable = pathlib.Path(out), tuned.setup.cable.with_params(tuned.params)
+    models = [
+        CableModel(cable=cable, posterior=tuned.posterior, segment_count=segment_count or count)
+        for count in (SEGMENT_COUNT, BULLET_SEGMENT_COUNT)
+    ]
+    texts = {
+        f"{cable.name}_chain.xml": mujoco_.chain_xml(models[0]),
+        f"{cable.name}_flex.xml": mujoco_.flex_xml(models[0]),
+        f"{cable.name}.urdf": pybullet_.urdf(models[1]),
+        f"{cable.name}_pybullet.py": pybullet_.springs(models[1]),
+        f"{cable.name}_newton.py": rods.newton(models[0]),
+        f"{cable.name}_elastica.py": rods.elastica(models[0]),
+    }
+    for name, text in texts.items():
+        write_text(out / name, text)
+    return [out / name for name in texts]
 
 
 def _join_films(

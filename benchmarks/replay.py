@@ -1,0 +1,441 @@
+"""Exported cables, played in the simulators that they were written for, against measured casts.
+
+Casts of each cable in a virtual laboratory are fitted, and the fit is exported. Each exported file
+is loaded by its own simulator, whose grip then moves as the arm was measured to move. The distance
+of the free end from the measured one stands beside that of the package's engine.
+
+What a simulator leaves out is left out of the package's engine, too: the growth of its distance is
+what the effect is worth. MuJoCo's friction is compared with ours alone, on a cable with the same
+physics in both, without friction, sliding, and sliding and rolling.
+"""
+
+import abc
+import dataclasses
+import pathlib
+import runpy
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import cablecast as cc
+from benchmarks.common import has
+from benchmarks.result import Table
+from cablecast.cable import Cable
+from cablecast.cli.progress import console_progress
+from cablecast.data.dataset import Dataset
+from cablecast.engines import make_engine
+from cablecast.engines.base import CableState, Rollout
+from cablecast.engines.mujoco_ import SERVO_OMEGA
+from cablecast.engines.pybullet_ import BulletClient
+from cablecast.exports import mujoco_
+from cablecast.exports.facts import CableModel
+from cablecast.motion.grip_path import GripPath
+from cablecast.pipeline.export import export_cable
+from cablecast.tuning.tracks import MeasuredTracks, TrackDistances, TrackObjective
+from cablecast.tuning.tuned import Tuned
+
+Array = NDArray[np.float64]
+
+BROKEN_DISTANCE = 10.0
+"""Distance of the free end from the base [m] beyond which a cast has broken."""
+
+
+def frames(directions: Array, first: Array) -> Array:
+    """Return frames of segments that do not twist, y along each, shape [segment, 3, 3].
+
+    Args:
+        directions: Unit vectors, shape [segment, 3].
+        first: Frame that the first one is turned from by its yaw and pitch, shape [3, 3].
+    """
+    found = []
+    for direction in directions:
+        x, y, z = first.T @ direction
+        turn = Rotation.from_euler("ZX", [np.arctan2(-x, y), np.arcsin(np.clip(z, -1.0, 1.0))])
+        first = first @ turn.as_matrix()
+        found.append(first)
+    return np.array(found)
+
+
+def grip_frames(yaw: Array, pitch: Array) -> Array:
+    """Return frames of a grip whose y is along the cable, shape [pose, 3, 3]."""
+    return Rotation.from_euler("ZX", np.stack([-yaw, pitch], axis=-1)).as_matrix()
+
+
+class Replay(abc.ABC):
+    """A simulator that plays an exported cable, one cast after the other.
+
+    It answers `Engine.rollout`, but the cable is that of its file.
+
+    Attributes:
+        segment_count: Number of segments of the file.
+        dt: Step [s].
+    """
+
+    segment_count: int
+    dt: float
+
+    @abc.abstractmethod
+    def start(self, nodes: Array, grip: Array) -> None:
+        """Put the cable down at rest.
+
+        Args:
+            nodes: Ends of the segments [m], shape [segment + 1, 3].
+            grip: Frame of the grip, y along the cable, shape [3, 3].
+        """
+
+    @abc.abstractmethod
+    def advance(self, positions: Array, rotations: Array) -> None:
+        """Take steps.
+
+        Args:
+            positions: Grip at the start of each step and after the last [m], shape [step + 1, 3].
+            rotations: Frames of the grip there, shape [step + 1, 3, 3].
+        """
+
+    @abc.abstractmethod
+    def tip(self) -> Array:
+        """Return the cable's free end [m], shape [3]."""
+
+    def rollout(
+        self,
+        cable: Cable,
+        grip_path: GripPath,
+        initial_state: CableState,
+        duration: float,
+        sample_dt: float,
+    ) -> Rollout:
+        """Play casts; see `Engine.rollout`."""
+        steps = max(1, round(sample_dt / self.dt))
+        count = 1 + int(np.ceil(duration / (steps * self.dt) - 1e-9))
+        track = np.full((len(grip_path), count, 3), np.nan)
+        for world in range(len(grip_path)):
+            path = grip_path[world]
+            nodes = initial_state.positions[world]
+            pose = path.evaluate(np.zeros(1))[0]
+            self.start(nodes, grip_frames(pose[:, 3], pose[:, 4])[0])
+            track[world, 0] = self.tip()
+            for sample in range(1, count):
+                times = ((sample - 1) * steps + np.arange(steps + 1)) * self.dt
+                poses = path.evaluate(times)[0]
+                self.advance(poses[:, :3], grip_frames(poses[:, 3], poses[:, 4]))
+                track[world, sample] = self.tip()
+                if not np.abs(track[world, sample]).max() < BROKEN_DISTANCE:
+                    track[world, sample:] = np.nan
+                    break
+        return Rollout(
+            times=np.arange(count) * (steps * self.dt),
+            endpoint_xyz=track,
+            final_state=initial_state,
+            finite=np.isfinite(track).all(axis=(1, 2)),
+        )
+
+
+class ReplayChain(Replay):
+    """MuJoCo and the exported chain of capsules.
+
+    Args:
+        xml: Text of the file.
+        dt: Step [s]; that of the file where None.
+    """
+
+    def __init__(self, xml: str, dt: float | None = None):
+        import mujoco
+
+        self.mujoco: Any = mujoco
+        self.model = mujoco.MjModel.from_xml_string(xml)
+        if dt is not None:
+            self.model.opt.timestep = dt
+        self.dt = float(self.model.opt.timestep)
+        names = [self.model.body(i).name for i in range(self.model.nbody)]
+        self.segment_count = sum(name.startswith("segment_") for name in names)
+        weld = self.model.equality(0)
+        # A mocap body has no velocity, so that the weld lags behind it by two time constants.
+        self.lag = 2.0 * float(self.model.eq_solref[weld.id, 0])
+
+    def start(self, nodes: Array, grip: Array) -> None:
+        self.data = self.mujoco.MjData(self.model)
+        steps = np.diff(nodes, axis=0)
+        directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+        qpos, before = self.data.qpos, grip
+        for index, frame in enumerate(frames(directions, grip)):
+            yaw, pitch = Rotation.from_matrix(before.T @ frame).as_euler("ZXY")[:2]
+            qpos[self.model.joint(f"side_{index}").qposadr] = yaw
+            qpos[self.model.joint(f"lift_{index}").qposadr] = pitch
+            before = frame
+        qpos[:3] = nodes[0]
+        qpos[3:7] = quat_wxyz(grip)
+        self.data.mocap_pos[0], self.data.mocap_quat[0] = qpos[:3], qpos[3:7]
+        self.mujoco.mj_forward(self.model, self.data)
+
+    def advance(self, positions: Array, rotations: Array) -> None:
+        speed = np.diff(positions, axis=0) / self.dt
+        turns = Rotation.from_matrix(rotations)
+        rate = (turns[1:] * turns[:-1].inv()).as_rotvec() / self.dt
+        ahead = (Rotation.from_rotvec(self.lag * rate) * turns[1:]).as_quat(scalar_first=True)
+        places = positions[1:] + self.lag * speed
+        for place, quat in zip(places, ahead, strict=True):
+            self.data.mocap_pos[0], self.data.mocap_quat[0] = place, quat
+            self.mujoco.mj_step(self.model, self.data)
+
+    def tip(self) -> Array:
+        self.mujoco.mj_kinematics(self.model, self.data)
+        return self.data.site("tip").xpos.copy()
+
+
+def quat_wxyz(frame: Array) -> Array:
+    """Return a rotation matrix as a quaternion."""
+    return Rotation.from_matrix(frame).as_quat(scalar_first=True)
+
+
+class ReplayFlex(Replay):
+    """MuJoCo and the exported 1-D flex.
+
+    Args:
+        xml: Text of the file.
+        linear_damping: Rate that the file leaves to be set [1/s].
+    """
+
+    def __init__(self, xml: str, linear_damping: float):
+        import mujoco
+
+        self.mujoco: Any = mujoco
+        self.model = mujoco.MjModel.from_xml_string(xml)
+        self.dt = float(self.model.opt.timestep)
+        names = [self.model.body(i).name for i in range(self.model.nbody)]
+        self.segment_count = sum(name.startswith("node_") for name in names)
+        for node in range(1, self.segment_count + 1):
+            mass = self.model.body(f"node_{node}").mass[0]
+            for axis in range(3):
+                dof = self.model.joint(f"node_{node}_{axis}").dofadr
+                self.model.dof_damping[dof] = linear_damping * mass
+
+    def start(self, nodes: Array, grip: Array) -> None:
+        self.data = self.mujoco.MjData(self.model)
+        for node in range(1, self.segment_count + 1):
+            place = nodes[node] - self.model.body(f"node_{node}").pos
+            for axis in range(3):
+                self.data.qpos[self.model.joint(f"node_{node}_{axis}").qposadr] = place[axis]
+        self.data.qpos[:5] = self._pose(nodes[0], grip)
+        self.mujoco.mj_forward(self.model, self.data)
+
+    def _pose(self, position: Array, frame: Array) -> Array:
+        return np.array(grip_pose(position - self.model.body("hand").pos, frame))
+
+    def advance(self, positions: Array, rotations: Array) -> None:
+        poses = np.array([self._pose(*one) for one in zip(positions, rotations, strict=True)])
+        speed = np.diff(poses, axis=0) / self.dt
+        acceleration = np.diff(speed, axis=0, prepend=speed[:1]) / self.dt
+        ahead = poses[1:] + 2.0 * speed / SERVO_OMEGA + acceleration / SERVO_OMEGA**2
+        for control in ahead:
+            self.data.ctrl[:] = control
+            self.mujoco.mj_step(self.model, self.data)
+
+    def tip(self) -> Array:
+        self.mujoco.mj_kinematics(self.model, self.data)
+        return self.data.body(f"node_{self.segment_count}").xpos.copy()
+
+
+class ReplayBullet(Replay):
+    """PyBullet and the exported URDF with its script.
+
+    Args:
+        folder: Folder with both.
+        name: Name of the cable.
+    """
+
+    def __init__(self, folder: pathlib.Path, name: str):
+        self.module = runpy.run_path(str(folder / f"{name}_pybullet.py"))
+        self.urdf = folder / f"{name}.urdf"
+        self.dt = self.module["VALUES"]["dt"]
+        self.segment_count = self.module["VALUES"]["segment_count"]
+
+    def start(self, nodes: Array, grip: Array) -> None:
+        client = BulletClient()
+        self.cable = self.module["Cable"](client, self.urdf)
+        self.cable.add_table()
+        steps = np.diff(nodes, axis=0)
+        found = frames(steps / np.linalg.norm(steps, axis=1, keepdims=True), grip)
+        before = np.concatenate([grip[None], found[:-1]])
+        turns = Rotation.from_matrix(np.swapaxes(before, 1, 2) @ found).as_quat()
+        # An attachment goes on as the cable ends.
+        more = len(self.cable.joints) - len(turns)
+        turns = np.concatenate([turns, np.tile([0.0, 0.0, 0.0, 1.0], (more, 1))])
+        self.cable.place(grip_pose(nodes[0], grip), turns)
+
+    def advance(self, positions: Array, rotations: Array) -> None:
+        for place, frame in zip(positions[1:], rotations[1:], strict=True):
+            self.cable.step(grip_pose(place, frame))
+
+    def tip(self) -> Array:
+        return self.cable.end()
+
+
+def grip_pose(position: Array, frame: Array) -> list[float]:
+    """Return x, y, z [m], yaw and pitch [rad] of a grip."""
+    x, y, z = frame[:, 1]
+    return [*position.tolist(), float(np.arctan2(x, y)), float(np.arcsin(np.clip(z, -1.0, 1.0)))]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Args:
+    """Export fitted cables, and play the casts again in other simulators.
+
+    Attributes:
+        cables: Names of the cables.
+        lab: Seed of the virtual laboratory.
+        fitted: Casts that each cable is fitted to.
+        played: The first of them, which are played again.
+        out: Folder of casts, fits and exported files, in which the same command resumes.
+    """
+
+    cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
+    lab: int = 0
+    fitted: int = 10
+    played: int = 6
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/replay")
+
+
+LEFT_OUT: dict[str, dict[str, float]] = {
+    "rolling": {"rolling_friction": 0.1},
+    "angular damping": {"angular_damping": 0.0},
+    "damping time": {"damping_time": 0.0},
+    "bends that stay": {"yield_curvature": 0.0},
+    "grain of the friction": {"friction_ratio": 1.0},
+    "length of the attachment": {"attachment_arm": 0.0},
+    "drag of the air": {"drag_coefficient": 0.0},
+    "curl": {"rest_curvature": 0.0},
+}
+"""Values with which an effect is left out, by its name."""
+
+PURE = {
+    **{name: value for values in LEFT_OUT.values() for name, value in values.items()},
+    **dict.fromkeys(("rolling_friction", "spinning_friction"), 0.0),
+}
+LAW_COLUMNS = ("friction", "coefficient", "chain from EngineWarp [%]")
+LAW_TIME = 1.1
+"""Time over which frictions are compared [s]; later small differences decide where a cable goes."""
+
+
+def fitted_cable(name: str, args: Args) -> tuple[Dataset, Tuned]:
+    """Return casts of a virtual laboratory, and the fit to them."""
+    folder = args.out / f"{name}-{args.lab}-{args.fitted}"
+    setup = cc.Setup(cable=name)
+    with console_progress() as progress, cc.make_rig(f"virtual:{args.lab}", setup) as rig:
+        casts = cc.collect(rig, count=args.fitted, out=folder / "casts", progress=progress)
+        return casts, cc.tune(casts, out=folder / "tune", progress=progress)
+
+
+def players(tuned: Tuned, folder: pathlib.Path) -> Iterator[tuple[str, Callable[[], Replay]]]:
+    """Yield the name of each simulator that is installed, and what loads the exported file."""
+    name = tuned.setup.cable.name
+    damping = float(np.asarray(tuned.params.linear_damping))
+    if has("mujoco"):
+        chain, flex = folder / f"{name}_chain.xml", folder / f"{name}_flex.xml"
+        yield "MuJoCo, chain of capsules", lambda: ReplayChain(chain.read_text())
+        yield "MuJoCo, 1-D flex", lambda: ReplayFlex(flex.read_text(), damping)
+    if has("pybullet"):
+        yield "PyBullet", lambda: ReplayBullet(folder, name)
+
+
+COLUMNS = (
+    "cable",
+    "simulator",
+    "segments",
+    "step [ms]",
+    "on the way, median [%]",
+    "over ours",
+    "on the way, mean [%]",
+    "at rest, median [%]",
+    "broken casts",
+    "computing time of a cast [s]",
+)
+
+
+def row(
+    cable: Cable, name: str, engine: Any, found: TrackDistances, own: float, seconds: float
+) -> tuple:
+    """Return a row of the table of replays; distances are those of one candidate."""
+    mean, final = 100 * found.mean[0] / cable.length, 100 * found.final[0] / cable.length
+    median = float(np.nanmedian(mean))
+    return (
+        cable.name,
+        name,
+        engine.segment_count,
+        1e3 * engine.dt,
+        median,
+        median / own if own else 1.0,
+        float(np.nanmean(mean)),
+        float(np.nanmedian(final)),
+        int((~found.finite[0]).sum()),
+        seconds / len(mean),
+    )
+
+
+def main(args: Args) -> Iterator[Table]:
+    """Yield the distances of each simulator, what each effect is worth, and MuJoCo's friction."""
+    replays = Table("Distance from the measured casts, in % of cable length", COLUMNS, [])
+    columns = ("cable", "left out of EngineWarp", "on the way, median [%]", "over all of them")
+    effects = Table("What an effect is worth", columns, [])
+    for name in args.cables:
+        casts, tuned = fitted_cable(name, args)
+        folder = args.out / "models"
+        export_cable(tuned, folder)
+        cable, tracks = casts.cable, MeasuredTracks.from_dataset(casts, count=args.played)
+        engine = make_engine("warp")
+        start = time.process_time()
+        found = TrackObjective(engine, cable, tracks).distances(tuned.params)
+        seconds = time.process_time() - start
+        own = 100 * float(np.nanmedian(found.mean)) / cable.length
+        replays.rows.append(row(cable, "EngineWarp", engine, found, own, seconds))
+        for simulator, load in players(tuned, folder):
+            start, replay = time.process_time(), load()
+            found = TrackObjective(replay, cable, tracks).distances(tuned.params)
+            seconds = time.process_time() - start
+            replays.rows.append(row(cable, simulator, replay, found, own, seconds))
+            print(*replays.rows[-1], file=sys.stderr, flush=True)
+        for effect, values in LEFT_OUT.items():
+            without = dataclasses.replace(tuned.params, **values)
+            if without == tuned.params:
+                continue
+            found = TrackObjective(engine, cable, tracks).distances(without)
+            median = 100 * float(np.nanmedian(found.mean)) / cable.length
+            effects.rows.append((name, effect, median, median / own))
+        if name == args.cables[0]:
+            law = friction_law(tuned, tracks[:2])
+    yield from (replays, effects, law)
+
+
+def friction_law(tuned: Tuned, tracks: MeasuredTracks) -> Table:
+    """Return the distance of the chain from EngineWarp with the same physics, by its friction."""
+    rows = []
+    samples = int((tracks.times[0] <= LAW_TIME).sum())
+    short = dataclasses.replace(
+        tracks, times=tracks.times[:, :samples], endpoint_xy=tracks.endpoint_xy[:, :samples]
+    )
+    bare = dataclasses.replace(tuned.params, **(PURE | {"damping_time": 0.01}))
+    lateral = float(np.asarray(bare.lateral_friction))
+    for name, factor, rolls in (
+        ("none", 0.0, True),
+        ("sliding", 1.0, False),
+        ("sliding and rolling, half as large", 0.5, True),
+        ("sliding and rolling", 1.0, True),
+    ):
+        params = dataclasses.replace(
+            bare,
+            lateral_friction=factor * lateral,
+            rolling_friction=0.0 if rolls else mujoco_.NO_ROLLING,
+        )
+        cable = tuned.setup.cable.with_params(params)
+        xml = mujoco_.chain_xml(CableModel(cable=cable, segment_count=20), rolls=rolls)
+        tips = [
+            TrackObjective(engine, cable, short).tracks_of(params)[0][0, :, :-1]
+            for engine in (ReplayChain(xml), make_engine("warp"))
+        ]
+        apart = 100 * np.linalg.norm(tips[0] - tips[1], axis=-1) / cable.length
+        rows.append((name, float(np.asarray(params.friction)), float(np.median(apart[:, -1]))))
+    return Table(f"The chain from EngineWarp after {LAW_TIME:g} s", LAW_COLUMNS, rows)

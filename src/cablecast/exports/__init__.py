@@ -1,0 +1,1 @@
+"""Fitted cables as models of other simulators: one writer each, and what they say in comments."""

@@ -1,0 +1,153 @@
+"""A cable for PyBullet: a URDF of capsules on spherical joints, and the calls that set its springs.
+
+Bullet's Python API has no spring between links: the script computes the moments before each step.
+They are explicit, so that a segment must not be too short for the step: the step is shortened until
+the fastest bending wave, and the damping of its moment, are stable.
+"""
+
+import math
+from typing import Any
+
+from cablecast.conventions import GRAVITY
+from cablecast.exports.facts import CableModel
+from cablecast.exports.script import script
+
+LONGEST_DT = 1.0 / 480.0
+"""Step of the paper's simulator [s]."""
+STABLE = 0.7
+"""Largest (w dt)^2 of the fastest bending wave w, and largest damping of it within a step."""
+_GRIP_MASS, _GRIP_INERTIA = 1.0, 1e-2
+
+
+def step(model: CableModel) -> float:
+    """Return the longest step [s], 1/480 s halved as often as needed, that bears the moments."""
+    mass = model.value("mass") / model.segment_count
+    wave = 16.0 * model.value("bend_stiffness") / (mass * model.segment_length**3)
+    dt = LONGEST_DT
+    while wave * dt**2 > STABLE or wave * model.value("damping_time") * dt > STABLE:
+        dt /= 2.0
+    return dt
+
+
+def urdf(model: CableModel) -> str:
+    """Return a cable as URDF, straight along y from the grip, which five joints move."""
+    length, radius, mass = model.segment_length, model.cable.radius, model.value("mass")
+    base = _link("base", 0.0, (0.0,) * 3, 0.0, radius, False)
+    links, joints = [base], []
+    parent = "base"
+    for name, kind, axis in (
+        ("x", "prismatic", "1 0 0"),
+        ("y", "prismatic", "0 1 0"),
+        ("z", "prismatic", "0 0 1"),
+        ("yaw", "continuous", "0 0 -1"),
+        ("pitch", "continuous", "1 0 0"),
+    ):
+        links.append(_link(f"grip_{name}", _GRIP_MASS, (_GRIP_INERTIA,) * 3, 0.0, radius, False))
+        limit = '<limit lower="-9" upper="9" effort="1e6" velocity="1e3"/>'
+        joints.append(
+            f'<joint name="grip_{name}" type="{kind}"><parent link="{parent}"/><child '
+            f'link="grip_{name}"/><axis xyz="{axis}"/>{limit if kind == "prismatic" else ""}</joint>'
+        )
+        parent = f"grip_{name}"
+    parts = [(length, mass / model.segment_count)] * model.segment_count
+    if model.attachment_length:
+        parts.append((model.attachment_length, model.value("endpoint_mass")))
+    at = 0.0
+    for index, (own, own_mass) in enumerate(parts):
+        across = own_mass * (own**2 / 12 + radius**2 / 4)
+        # A light spin is unstable at this step; and whether a cable rolls hardly moves its casts.
+        inertia = (across,) * 3
+        links.append(_link(f"segment_{index}", own_mass, inertia, own, radius, True))
+        joints.append(_joint(f"joint_{index}", "spherical", parent, f"segment_{index}", at))
+        parent, at = f"segment_{index}", own
+    if model.value("endpoint_mass") and not model.attachment_length:
+        links.append(
+            _link("attachment", model.value("endpoint_mass"), (1e-9,) * 3, 0.0, radius, False)
+        )
+        joints.append(_joint("end", "fixed", parent, "attachment", at))
+    text = "\n".join(model.lines("PyBullet", dropped(model))).replace("--", "- -")
+    body = "\n".join(links + joints)
+    return (
+        f'<?xml version="1.0"?>\n<!--\n{text}\n\nThe springs are not part of URDF: the script '
+        f'beside this file sets them.\n-->\n<robot name="{model.cable.name}">\n{body}\n</robot>\n'
+    )
+
+
+def _link(
+    name: str,
+    mass: float,
+    inertia: tuple[float, float, float],
+    length: float,
+    radius: float,
+    touches: bool,
+) -> str:
+    xx, yy, zz = inertia
+    shape = ""
+    if touches:
+        # Capsules lie along z in URDF.
+        shape = (
+            f'<origin xyz="0 {length / 2:.9g} 0" rpy="{-math.pi / 2:.9g} 0 0"/><geometry><capsule '
+            f'radius="{radius:.6g}" length="{length:.9g}"/></geometry>'
+        )
+        shape = f"<collision>{shape}</collision><visual>{shape}</visual>"
+    return (
+        f'<link name="{name}"><inertial><origin xyz="0 {length / 2:.9g} 0"/><mass '
+        f'value="{mass:.9g}"/><inertia ixx="{xx:.6g}" iyy="{yy:.6g}" izz="{zz:.6g}" ixy="0" '
+        f'ixz="0" iyz="0"/></inertial>{shape}</link>'
+    )
+
+
+def _joint(name: str, kind: str, parent: str, child: str, at: float) -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="0 {at:.9g} 0"/><parent link="{parent}"/>'
+        f'<child link="{child}"/><axis xyz="0 1 0"/></joint>'
+    )
+
+
+def _cells(model: CableModel) -> list[float]:
+    """Return the length of cable that bends at each joint [m]: half a segment's at both ends."""
+    cells = [0.5 * model.segment_length, *[model.segment_length] * (model.segment_count - 1)]
+    return cells + ([0.5 * model.segment_length] if model.attachment_length else [])
+
+
+def springs(model: CableModel) -> str:
+    """Return the script that loads the URDF file, sets its contacts, and applies its springs."""
+    value, cells = model.value, _cells(model)
+    friction = [model.friction] * model.segment_count
+    if model.attachment_length:
+        friction.append(model.friction * value("attachment_friction_ratio"))
+    yields = value("yield_curvature")
+    values: dict[str, Any] = {
+        "urdf": f"{model.cable.name}.urdf",
+        "dt": step(model),
+        "gravity": GRAVITY,
+        "segment_count": model.segment_count,
+        "segment_length": model.segment_length,
+        "bend": [value("bend_stiffness") / cell for cell in cells],
+        "twist": [value("twist_stiffness") / cell for cell in cells],
+        "rest": [value("rest_curvature") * cell for cell in cells],
+        "yield_angle": [yields * cell for cell in cells] if yields else [],
+        "friction": friction,
+    }
+    names = ("damping_time", "linear_damping", "angular_damping", "friction_ratio", "yield_time")
+    names += ("spinning_friction", "rolling_friction")
+    values |= {name: value(name) for name in names}
+    units = (
+        "bend, twist: moment over angle of each joint [N m/rad]; rest, yield_angle: angles [rad]; "
+        "dt, times [s]; dampings [1/s]; spinning and rolling friction: lever arms [m]."
+    )
+    lines = [*model.lines("PyBullet", dropped(model)), "", units]
+    return script("pybullet_cable", lines, values)
+
+
+def dropped(model: CableModel) -> list[str]:
+    """Return what the model leaves out or changes."""
+    lines = [
+        "friction is a pyramid, regularised by Bullet's solver, at two points of each capsule.",
+        "linear_damping and angular_damping grow with speed: right at 1 m/s and at 10 rad/s.",
+        "twist is not damped, and segments are as inert about their axis as across it, so that the "
+        "cable rolls less.",
+    ]
+    if model.value("drag_coefficient"):
+        lines.append("drag_coefficient: left out.")
+    return lines
