@@ -115,7 +115,8 @@ def rod_model(
         bodies.append(
             f'<body name="node_{node}" pos="0 {node * length:.17g} {height:.17g}" '
             f'gravcomp="{int(driven)}">'
-            f'<inertial pos="0 0 0" mass="{mass[node]:.9g}" diaginertia="1e-9 1e-9 1e-9"/>{slides}</body>'
+            f'<inertial pos="0 0 0" mass="{mass[node]:.9g}" diaginertia="1e-9 1e-9 1e-9"/>'
+            f"{slides}</body>"
         )
         # MuJoCo finds the roll joint of each edge by these names.
         name = "cable_twist" if node == count else f"cable_twist_{node}"
@@ -155,7 +156,8 @@ def rod_model(
         element="{elements}">
     <contact condim="6" friction="{friction}" priority="1" solref="{contact_time:.17g} 1"
              solimp="{_SOLIMP}" selfcollide="none"/>
-    <elasticity young="{bend / second_moment:.17g}" shear="{0.5 * twist / second_moment:.17g}" damping="0"/>
+    <elasticity young="{bend / second_moment:.17g}"
+                shear="{0.5 * twist / second_moment:.17g}" damping="0"/>
   </flex>
 </deformable>
 <equality><flex flex="cable" solref="{dt:.17g} 1" solimp="{_SOLIMP}"/></equality>

@@ -1,4 +1,4 @@
-"""Code of the script that makes an exported cable a rod of PyElastica; it imports nothing of ours."""
+"""Code of the script that makes an exported cable a rod of PyElastica, on its own."""
 
 from typing import Any
 

@@ -87,7 +87,8 @@ def chain_xml(model: CableModel, *, rolls: bool = False) -> str:
        gripper along y. -->
   <body name="hand" mocap="true" pos="0 0 {radius:.9g}"/>
   <body name="grip" pos="0 0 {radius:.9g}" gravcomp="1"><freejoint/>
-  <inertial pos="0 0 0" mass="{HAND_MASS}" diaginertia="{HAND_INERTIA} {HAND_INERTIA} {HAND_INERTIA}"/>
+  <inertial pos="0 0 0" mass="{HAND_MASS}"
+            diaginertia="{HAND_INERTIA} {HAND_INERTIA} {HAND_INERTIA}"/>
 {chain}
   </body>
 </worldbody>
@@ -95,7 +96,8 @@ def chain_xml(model: CableModel, *, rolls: bool = False) -> str:
 {contacts}
 </contact>
 <equality>
-  <weld body1="hand" body2="grip" relpose="0 0 0 1 0 0 0" solref="{WELD_TIME} 1" solimp="{_SOLIMP}"/>
+  <weld body1="hand" body2="grip" relpose="0 0 0 1 0 0 0" solref="{WELD_TIME} 1"
+        solimp="{_SOLIMP}"/>
 </equality>
 </mujoco>
 """
@@ -185,7 +187,7 @@ def _pair(model: CableModel, name: str, arm: float, more: float = 1.0) -> str:
 def _dropped_by_chain(model: CableModel) -> list[str]:
     value = model.value
     lines = [
-        "friction: MuJoCo's contact lets a sliding capsule rise a little, which slows it across the "
+        "friction: MuJoCo's contact lifts a sliding capsule a little, which slows it across the "
         "cable, most where it may roll. So this chain does not roll: the lever arm of rolling "
         f"friction is {NO_ROLLING:g} m. Sliding and spinning are limited together, not each alone.",
     ]
@@ -207,7 +209,7 @@ def flex_xml(model: CableModel) -> str:
     dropped = [
         "friction: MuJoCo's contact lifts a sliding node a little, which slows it across the "
         "cable, most where it rolls.",
-        "bending: the moment grows with the angle phi at a node as 2 tan(phi / 2) / cos(phi / 2)^2.",
+        "bending: the moment grows with the angle phi at a node as 2 tan(phi/2) / cos(phi/2)^2.",
     ]
     left_out = [
         name
@@ -222,8 +224,8 @@ def flex_xml(model: CableModel) -> str:
             "joint node_I_C, model.dof_damping[dof] = linear_damping x the node's mass."
         )
     grip = (
-        "\n\nThe hand is driven by the first five actuators, x, y, z, yaw (from y to the right) and "
-        "pitch:\nwrite data.ctrl = pose + 2 x velocity / w + acceleration / w^2 before each step, "
+        "\n\nThe hand is driven by five actuators, x, y, z, yaw (from y to the right) and pitch:\n"
+        "write data.ctrl = pose + 2 x velocity / w + acceleration / w^2 before each step, "
         f"w = {SERVO_OMEGA:g} rad/s."
     )
     comment = _comment(model, "MuJoCo (a 1-D flex)", dropped).replace("\n-->", f"{grip}\n-->")

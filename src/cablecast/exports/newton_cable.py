@@ -1,4 +1,4 @@
-"""Code of the script that adds an exported cable to a model of Newton; it imports nothing of ours."""
+"""Code of the script that adds an exported cable to a model of Newton, on its own."""
 
 import math
 from typing import Any

@@ -32,7 +32,7 @@ def step(model: CableModel) -> float:
 def urdf(model: CableModel) -> str:
     """Return a cable as URDF, straight along y from the grip, which five joints move."""
     length, radius, mass = model.segment_length, model.cable.radius, model.value("mass")
-    base = _link("base", 0.0, (0.0,) * 3, 0.0, radius, False)
+    base = _link("base", 0.0, 0.0, 0.0, radius, False)
     links, joints = [base], []
     parent = "base"
     for name, kind, axis in (
@@ -42,11 +42,12 @@ def urdf(model: CableModel) -> str:
         ("yaw", "continuous", "0 0 -1"),
         ("pitch", "continuous", "1 0 0"),
     ):
-        links.append(_link(f"grip_{name}", _GRIP_MASS, (_GRIP_INERTIA,) * 3, 0.0, radius, False))
+        links.append(_link(f"grip_{name}", _GRIP_MASS, _GRIP_INERTIA, 0.0, radius, False))
         limit = '<limit lower="-9" upper="9" effort="1e6" velocity="1e3"/>'
         joints.append(
             f'<joint name="grip_{name}" type="{kind}"><parent link="{parent}"/><child '
-            f'link="grip_{name}"/><axis xyz="{axis}"/>{limit if kind == "prismatic" else ""}</joint>'
+            f'link="grip_{name}"/><axis xyz="{axis}"/>'
+            f"{limit if kind == 'prismatic' else ''}</joint>"
         )
         parent = f"grip_{name}"
     parts = [(length, mass / model.segment_count)] * model.segment_count
@@ -56,14 +57,11 @@ def urdf(model: CableModel) -> str:
     for index, (own, own_mass) in enumerate(parts):
         across = own_mass * (own**2 / 12 + radius**2 / 4)
         # A light spin is unstable at this step; and whether a cable rolls hardly moves its casts.
-        inertia = (across,) * 3
-        links.append(_link(f"segment_{index}", own_mass, inertia, own, radius, True))
+        links.append(_link(f"segment_{index}", own_mass, across, own, radius, True))
         joints.append(_joint(f"joint_{index}", "spherical", parent, f"segment_{index}", at))
         parent, at = f"segment_{index}", own
     if model.value("endpoint_mass") and not model.attachment_length:
-        links.append(
-            _link("attachment", model.value("endpoint_mass"), (1e-9,) * 3, 0.0, radius, False)
-        )
+        links.append(_link("attachment", model.value("endpoint_mass"), 1e-9, 0.0, radius, False))
         joints.append(_joint("end", "fixed", parent, "attachment", at))
     text = "\n".join(model.lines("PyBullet", dropped(model))).replace("--", "- -")
     body = "\n".join(links + joints)
@@ -76,12 +74,11 @@ def urdf(model: CableModel) -> str:
 def _link(
     name: str,
     mass: float,
-    inertia: tuple[float, float, float],
+    inertia: float,
     length: float,
     radius: float,
     touches: bool,
 ) -> str:
-    xx, yy, zz = inertia
     shape = ""
     if touches:
         # Capsules lie along z in URDF.
@@ -92,7 +89,8 @@ def _link(
         shape = f"<collision>{shape}</collision><visual>{shape}</visual>"
     return (
         f'<link name="{name}"><inertial><origin xyz="0 {length / 2:.9g} 0"/><mass '
-        f'value="{mass:.9g}"/><inertia ixx="{xx:.6g}" iyy="{yy:.6g}" izz="{zz:.6g}" ixy="0" '
+        f'value="{mass:.9g}"/><inertia ixx="{inertia:.6g}" iyy="{inertia:.6g}" '
+        f'izz="{inertia:.6g}" ixy="0" '
         f'ixz="0" iyz="0"/></inertial>{shape}</link>'
     )
 

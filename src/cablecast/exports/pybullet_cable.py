@@ -1,4 +1,4 @@
-"""Code of the script that loads an exported cable into PyBullet; it imports nothing of ours."""
+"""Code of the script that loads an exported cable into PyBullet, on its own."""
 
 import math
 import pathlib

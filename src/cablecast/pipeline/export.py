@@ -1,4 +1,4 @@
-"""export_dataset: a dataset in the layout of LeRobot. export_cable: a cable for other simulators."""
+"""Exports: a dataset in the layout of LeRobot, a cable as models of other simulators."""
 
 import itertools
 import math
