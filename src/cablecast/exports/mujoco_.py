@@ -141,7 +141,7 @@ def _armature(model: CableModel) -> float:
 def _rod(name: str, length: float, radius: float, mass: float, drag: float) -> str:
     """Return inertia and shape of a uniform rod along y from its joint."""
     across = mass * (length**2 / 12 + radius**2 / 4)
-    fluid = f' fluidshape="ellipsoid" fluidcoef="{drag:.6g} 0 0 0 0"' if drag else ""
+    fluid = f' fluidshape="ellipsoid" fluidcoef="{drag:.6g} 0 0 0 0"'
     return (
         f'<inertial pos="0 {length / 2:.9g} 0" mass="{mass:.9g}" diaginertia="{across:.6g} '
         f'{mass * radius**2 / 2:.6g} {across:.6g}"/>'

@@ -17,7 +17,8 @@ def script(module: str, lines: Sequence[str], values: Mapping[str, Any]) -> str:
         values: Numbers that the code finds as `VALUES`.
     """
     code = importlib.resources.files("cablecast.exports").joinpath(f"{module}.py").read_text()
-    code = code[code.index("import ") :]
+    # Its own docstring gives way to that of the script.
+    code = code.split('"""', 2)[2].lstrip()
     numbers = pprint.pformat(_rounded(dict(values)), width=98, compact=True, sort_dicts=False)
     text = "\n".join(lines).replace("\\", "/")
     return f'"""{text}\n"""\n\n' + code.replace(_EMPTY, f"VALUES: dict[str, Any] = {numbers}\n")
