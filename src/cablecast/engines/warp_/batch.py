@@ -145,16 +145,11 @@ class Batch:
         path.next_knot = wp.zeros(self.group_count, dtype=real, device=device)
         return path
 
-    def state(
-        self,
-        initial: CableState,
-        damping_time: NDArray[np.float64],
-        rest_bend: NDArray | None,
-    ):
+    def state(self, initial: CableState, rest_bend: NDArray | None):
         """Pack the initial state; nothing is held by the table yet.
 
-        Twist is damped by a time [s], one or shape [world]; nodes feel no moment at the rest bend
-        [m], shape [world, node, 3], which is None where the material remembers nothing.
+        Nodes feel no moment at the rest bend [m], shape [world, node, 3], which is None where the
+        material remembers nothing.
         """
         build, shape = self.build, (self.group_count, self.node_count)
         state = build.State()
@@ -163,8 +158,7 @@ class Batch:
             lanes = lanes.reshape(*shape, 3, self.layout.lane_count)
             setattr(state, name, self.array(lanes, build.vec3))
         twist = np.diff(initial.roll, axis=1, prepend=0.0, append=initial.far_roll[:, None])
-        turn = initial.roll_rate * damping_time[:, None]
-        for name, values in (("twist", twist), ("spin", initial.roll_rate), ("turn", turn)):
+        for name, values in (("twist", twist), ("spin", initial.roll_rate)):
             setattr(state, name, self.array(self.to_lanes(values), build.lane))
         state.binormal = self.zeros(*shape, dtype=build.vec3)
         if rest_bend is None:
@@ -172,9 +166,9 @@ class Batch:
         lanes = self.to_lanes(rest_bend.reshape(len(rest_bend), -1))
         lanes = lanes.reshape(self.group_count, rest_bend.shape[1], 3, self.layout.lane_count)
         state.rest_bend = self.array(lanes, build.vec3)
-        state.lag_bend = self.array(lanes, build.vec3)
+        state.strain = self.zeros(*lanes.shape[:2], dtype=build.vec3)
         state.lateral_loss = self.zeros(*shape, dtype=build.lane)
-        for name in ("tension", "axial_impulse", "couple_impulse"):
+        for name in ("turn", "tension", "axial_impulse", "couple_impulse"):
             zeros = self.zeros(self.group_count, self.segment_count, dtype=build.lane)
             setattr(state, name, zeros)
         ones = np.ones((self.group_count, self.layout.lane_count), dtype=self.layout.real)
@@ -201,6 +195,10 @@ class Batch:
         scratch.elimination = scratch.acceleration
         scratch.force = self.zeros(groups, nodes, dtype=vec3)
         scratch.velocity = scratch.force
+        scratch.dashpot = scratch.force
+        scratch.memory_moment = scratch.force
+        for name in ("memory_torque", "memory_inertia", "spin_pivot"):
+            setattr(scratch, name, self.zeros(groups, segments, dtype=lane))
         scratch.torque = self.zeros(groups, segments, dtype=lane)
         scratch.spin = scratch.torque
         scratch.lead = self.zeros(groups, nodes, dtype=lane)

@@ -25,7 +25,7 @@ from cablecast.cable import AIR_DENSITY, Cable, CableParams
 from cablecast.conventions import GRAVITY
 from cablecast.engines.base import REFERENCE_SEGMENT_COUNT, CableState
 from cablecast.engines.warp_.elastic import IMPLICIT, SHARP_TORSION, filter_factors, spin_pivots
-from cablecast.engines.warp_.material import LAG_RATIO, lag_ratios
+from cablecast.engines.warp_.material import MOST_SPRING, dashpot_factors
 
 MOST_FILTERED = 2.4
 """Largest (w dt)^2 of a step, at which half of what leapfrog bears is left for folds and tension.
@@ -49,9 +49,18 @@ def fastest_wave(
     return 16.0 * bend_stiffness / (segment_length**3 * segment_mass)
 
 
-def substep_counts(fastest: NDArray[np.float64], dt: float) -> NDArray[np.int_]:
-    """Return the number of substeps of each world, one of `COUNTS`, from w^2 [1/s²] and dt [s]."""
-    needed = np.sqrt(fastest * dt**2 / MOST_FILTERED)
+def substep_counts(
+    fastest: NDArray[np.float64], damping_time: NDArray[np.float64], dt: float
+) -> NDArray[np.int_]:
+    """Return the number of substeps of each world, one of `COUNTS`.
+
+    Args:
+        fastest: w^2 [1/s²], shape [world].
+        damping_time: Time by which moments lead the bend [s], same shape.
+        dt: Longest step [s].
+    """
+    bearable = np.where(damping_time > 0.0, MOST_FILTERED - MOST_SPRING, MOST_FILTERED)
+    needed = np.sqrt(fastest * dt**2 / bearable)
     index = np.searchsorted(COUNTS, needed * (1.0 - 1e-9))
     return np.array(COUNTS)[np.minimum(index, len(COUNTS) - 1)]
 
@@ -201,14 +210,9 @@ def model_constants(
     if far_is_held:
         mass[:, -1] = np.inf
     bending = values["bend_stiffness"] / segment_length**3
-    lag_ratio = lag_ratios(damping_time)
-    lag_time = np.maximum(damping_time / LAG_RATIO, 1e-9)
-    diagonal, lower1, lower2 = filter_factors(
-        bending * (1.0 + lag_ratio),
-        mass,
-        dt,
-        None if end is None else (last_ratio, JOINT_CELLS),
-    )
+    joint = None if end is None else (last_ratio, JOINT_CELLS)
+    diagonal, lower1, lower2 = filter_factors(bending, mass, dt, joint)
+    yielding, *dashpots = dashpot_factors(bending, damping_time, mass, dt, joint)
     torsion = values["twist_stiffness"] / segment_length
     sharp_torsion = SHARP_TORSION * segment_mass * segment_length**2 / dt**2
     # Segments and endpoint are solid cylinders of the cable's radius.
@@ -255,8 +259,11 @@ def model_constants(
         "torsion": torsion,
         "torsion_time": torsion_time,
         "twist_damping_time": damping_time,
-        "lag_ratio": lag_ratio,
-        "lag_kept": np.exp(-dt / lag_time),
+        "dashpot_ratio": damping_time / dt,
+        "dashpot_yielding": yielding,
+        "dashpot_diagonal": dashpots[0],
+        "dashpot_lower1": dashpots[1],
+        "dashpot_lower2": dashpots[2],
         "yield_bend": yield_curvature * segment_length**2,
         "yield_share": dt / (dt + values["yield_time"]),
         "sharp_torsion": sharp_torsion,
@@ -276,6 +283,7 @@ def model_constants(
         "mass_ratio": mass_ratio,
         "near_ratio": near_ratio,
         "spin_response": spin_response,
+        "spin_inertia": spin_inertia,
         "spin_pivot": spin_pivots(torsion, spin_inertia, squared_time, far_is_held),
         "filter_diagonal": diagonal,
         "filter_lower1": lower1,

@@ -26,7 +26,8 @@ included (a tridiagonal solve):
 
 with D the difference between the segments of a node. What is added is of second order in the step,
 takes energy at the third order only, and quells what is too fast to follow. In a material with a
-damping time T the torque follows the twist and T times its whole rate, the holonomy included.
+damping time T the torque follows the twist and T times its whole rate, the holonomy included, of
+the previous step; what the spins change of it in this step counts, too.
 
 Sweeps. The backward sweep, from the far end to the grip, measures at each node how the cable is
 curved and twisted, and eliminates the torsion system on its way; a gripper takes the place of a
@@ -81,7 +82,7 @@ def filter_factors(
         1 / D [1/kg], shape [world, node], and the first and second lower diagonals of L [-], with
         two zeros beyond the last node, shape [world, node + 2].
     """
-    world_count, node_count = mass.shape
+    node_count = mass.shape[1]
     k = FILTER_SHARE * dt**2 * bending
     free = np.isfinite(mass)
     diagonal = np.where(free, mass, 1.0)
@@ -102,10 +103,28 @@ def filter_factors(
     # Held nodes do not accelerate: take them out of the system.
     off1[:, :-1] *= free[:, :-1] & free[:, 1:]
     off2[:, :-2] *= free[:, :-2] & free[:, 2:]
-    d = np.ones((world_count, node_count))
+    inverse, lower1, lower2 = factor_band(diagonal, off1, off2)
+    return np.where(free, inverse, 0.0), lower1, lower2
+
+
+def factor_band(
+    diagonal: NDArray[np.float64], off1: NDArray[np.float64], off2: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], ...]:
+    """Factor symmetric matrices of five diagonals as L D L^T.
+
+    Args:
+        diagonal: Diagonals, shape [world, node].
+        off1: Entries that couple node i with i + 1, same shape.
+        off2: Entries that couple node i with i + 2, same shape.
+
+    Returns:
+        1 / D, shape [world, node], and the first and second lower diagonals of L [-], with two
+        zeros beyond the last node, shape [world, node + 2].
+    """
+    d = np.ones_like(diagonal)
     lower1 = np.zeros_like(d)
     lower2 = np.zeros_like(d)
-    for i in range(node_count):
+    for i in range(d.shape[1]):
         d[:, i] = diagonal[:, i]
         if i >= 2:
             lower2[:, i] = off2[:, i - 2] / d[:, i - 2]
@@ -117,7 +136,7 @@ def filter_factors(
             lower1[:, i] = coupling / d[:, i - 1]
             d[:, i] -= lower1[:, i] ** 2 * d[:, i - 1]
     beyond = [(0, 0), (0, 2)]
-    return np.where(free, 1.0 / d, 0.0), np.pad(lower1, beyond), np.pad(lower2, beyond)
+    return 1.0 / d, np.pad(lower1, beyond), np.pad(lower2, beyond)
 
 
 @functools.cache
@@ -247,9 +266,23 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         return scale(series * inverse_squared_length, cross(before, after))
 
     @wp.func
-    def store_lead(model: Model, scratch: Scratch, group: int, node: int, holonomy: lane):
-        """Return by how much the dashpot of twist leads it as a curve bends [rad]; store it."""
-        lead = mul(model.twist_damping_time[group], holonomy)
+    def store_lead(
+        model: Model, scratch: Scratch, group: int, node: int, rate: lane, binormal: vec3
+    ):
+        """Return by how much the dashpot of twist leads it [rad]; store it.
+
+        Args:
+            scratch: Receives the lead.
+            rate: Rate of the twist in the previous step [rad/s].
+            binormal: Curvature binormal [-].
+        """
+        # Where the cable is bent so sharply that a step cannot follow how this acts on the shape,
+        # it leads by less.
+        damped = mul(model.torsion[group], model.twist_damping_time[group])
+        sharpness = mul(damped, dot(binormal, binormal)) * (real(1.0) / model.dt)
+        sharp = model.sharp_torsion[group]
+        followed = f.div(sharp, sharp + sharpness)
+        lead = mul(mul(followed, model.twist_damping_time[group]), rate)
         scratch.lead[group, node] = lead
         return lead
 
@@ -259,7 +292,9 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         return scratch.lead[group][node]
 
     @wp.func
-    def store_nothing(model: Model, scratch: Scratch, group: int, node: int, holonomy: lane):
+    def store_nothing(
+        model: Model, scratch: Scratch, group: int, node: int, rate: lane, binormal: vec3
+    ):
         """Return nothing in place of `store_lead`."""
         return lane()
 
@@ -269,6 +304,44 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         return lane()
 
     keep_lead, lead = (store_lead, stored_lead) if damped else (store_nothing, no_lead)
+
+    @wp.func
+    def constant_pivot(model: Model, scratch: Scratch, group: int, segment: int):
+        """Return the inverse pivot of a segment in the torsion solve [1/(kg·m²)]."""
+        return model.spin_pivot[group][segment]
+
+    @wp.func
+    def found_pivot(model: Model, scratch: Scratch, group: int, segment: int):
+        """Return the inverse pivot of a segment, as `find_pivots` left it [1/(kg·m²)]."""
+        return scratch.spin_pivot[group][segment]
+
+    @wp.func
+    def find_pivots(model: Model, scratch: Scratch, group: int):
+        """Eliminate the matrix of the torsion solve, to which memories add inertia.
+
+        With q the part of a pivot without the coupling k to the segment before, what is left of
+        the segments beyond is k q / (k + q), which takes no difference of large numbers.
+        """
+        coupling = mul(model.torsion[group], model.torsion_time[group]) * model.dt
+        inertias = model.spin_inertia[group]
+        added = scratch.memory_inertia[group]
+        pivots = scratch.spin_pivot[group]
+        beyond = coupling * real(2 * model.far_is_held)
+        segment = int(model.node_count - 2)
+        while segment > 0:
+            alone = inertias[segment] + added[segment] + beyond
+            pivot = f.div(lane(real(1.0)), alone + coupling)
+            pivots[segment] = pivot
+            beyond = mul(mul(coupling, alone), pivot)
+            segment -= 1
+        alone = inertias[0] + added[0] + beyond
+        pivots[0] = f.div(lane(real(1.0)), alone + coupling * real(2.0))
+
+    @wp.func
+    def find_nothing(model: Model, scratch: Scratch, group: int):
+        """Do nothing in place of `find_pivots`."""
+
+    pivot, find_pivots = (found_pivot, find_pivots) if damped else (constant_pivot, find_nothing)
 
     @wp.func
     def turn_twist(
@@ -296,24 +369,24 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         binormals = state.binormal[group]
         doubled = binormals[node] + new_binormal
         holonomy = dot(doubled, edge_rates) * (real(0.25) / model.segment_length)
-        twist = twists[node] + mul(previous_dt, spin_difference + holonomy)
+        rate = spin_difference + holonomy
+        twist = twists[node] + mul(previous_dt, rate)
         twists[node] = twist
         binormals[node] = new_binormal
-        return twist + keep_lead(model, scratch, group, node, holonomy)
+        return twist + keep_lead(model, scratch, group, node, rate, new_binormal)
 
     @wp.func
     def gripper_turn(model: Model, path: Path, group: int):
         """Return the turn of a gripper that counts for the torque [rad]."""
         change = path.spin[group] - path.previous_spin[group]
-        kept = mul(model.twist_damping_time[group], path.spin[group])
-        return kept + change * (model.dt * real(implicit))
+        damped = mul(model.twist_damping_time[group], change)
+        return damped + change * (model.dt * real(implicit))
 
     @wp.func
     def take_spin(model: Model, state: State, group: int, segment: int, spin: lane):
         """Give a segment its spin at the end of the step [rad/s]; keep its turn for the next."""
-        kept = mul(model.twist_damping_time[group], spin)
         change = spin - state.spin[group][segment]
-        state.turn[group][segment] = kept + change * (model.dt * real(remembered))
+        state.turn[group][segment] = change * (model.dt * real(remembered))
         state.spin[group][segment] = spin
 
     @wp.func
@@ -336,6 +409,8 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
     return SimpleNamespace(
         binormal=binormal,
         lead=lead,
+        pivot=pivot,
+        find_pivots=find_pivots,
         gripper_turn=gripper_turn,
         take_spin=take_spin,
         turn_twist=turn_twist,
@@ -462,6 +537,33 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         return torque * real(2.0)
 
     @wp.func
+    def add_memory_torque(scratch: Scratch, group: int, segment: int, torque: lane):
+        """Return a torque on a segment with that of its memories [N·m]."""
+        return torque + scratch.memory_torque[group][segment]
+
+    @wp.func
+    def add_memory_moments(model: Model, scratch: Scratch, group: int):
+        """Add the moments of memories to those of the cable."""
+        moments = scratch.bending_moment[group]
+        memories = scratch.memory_moment[group]
+        node = int(0)
+        while node < model.node_count - 1 + model.far_is_held:
+            moments[node] = moments[node] + memories[node]
+            node += 1
+
+    @wp.func
+    def add_no_torque(scratch: Scratch, group: int, segment: int, torque: lane):
+        """Return a torque on a segment as it is, in place of `add_memory_torque`."""
+        return torque
+
+    @wp.func
+    def add_no_moments(model: Model, scratch: Scratch, group: int):
+        """Do nothing in place of `add_memory_moments`."""
+
+    with_memory = add_memory_torque if damped else add_no_torque
+    add_moments = add_memory_moments if damped else add_no_moments
+
+    @wp.func
     def measure_curvature(
         model: Model,
         path: Path,
@@ -483,9 +585,9 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         coupling = mul(model.torsion[group], model.torsion_time[group]) * model.dt
         torque_per_impulse = model.segment_mass[group] * (real(0.5) * model.radius / model.dt)
         axial_impulses = state.axial_impulse[group]
-        pivots = model.spin_pivot[group]
         moments = scratch.bending_moment[group]
         right_sides = scratch.torque[group]
+        twist.find_pivots(model, scratch, group)
         after = last_segment(model, state, group)
         torque_after = lane()
         if model.far_is_held == 1:
@@ -505,9 +607,11 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
             )
             # The segment after the node has both its torques now.
             table_torque = mul(torque_per_impulse, axial_impulses[node])
+            table_torque = with_memory(scratch, group, node, table_torque)
             right_side = torque_after - torque + eliminated + table_torque
             right_sides[node] = right_side
-            eliminated = mul(mul(coupling, pivots[node]), right_side)
+            pivot = twist.pivot(model, scratch, group, node)
+            eliminated = mul(mul(coupling, pivot), right_side)
             torque_after = torque
             after = before
             node -= 1
@@ -515,7 +619,9 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         gripper = gripper_segment(model, path, group)
         torque = held_torque(model, state, scratch, group, 0, gripper, after, previous_dt)
         table_torque = mul(torque_per_impulse, axial_impulses[0])
+        table_torque = with_memory(scratch, group, 0, table_torque)
         right_sides[0] = torque_after - torque + eliminated + table_torque
+        add_moments(model, scratch, group)
 
     return SimpleNamespace(
         Segment=Segment,
@@ -565,7 +671,6 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
         spins = state.spin[group]
         turns = state.turn[group]
         twists = state.twist[group]
-        pivots = model.spin_pivot[group]
         lower1 = model.filter_lower1[group]
         lower2 = model.filter_lower2[group]
         moments = scratch.bending_moment[group]
@@ -585,7 +690,8 @@ def elastic_functions(precision: str, lane_count: int, damped: bool) -> SimpleNa
         cells = real(2.0)
         node = int(0)
         while node < last:
-            alpha = mul(pivots[node], right_sides[node] + mul(coupling, alpha))
+            pivot = twist.pivot(model, scratch, group, node)
+            alpha = mul(pivot, right_sides[node] + mul(coupling, alpha))
             previous_spin = spins[node]
             undamped = mul(explicit_damping, previous_spin) + alpha * force_dt
             spin = mul(implicit_damping, undamped)

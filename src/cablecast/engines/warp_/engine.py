@@ -31,7 +31,7 @@ from cablecast.engines.warp_.constants import (
 )
 from cablecast.engines.warp_.device import find_device, launch
 from cablecast.engines.warp_.lanes import LANE_COUNT_CPU, LANE_COUNT_CUDA
-from cablecast.engines.warp_.material import lag_ratios, rest_bends
+from cablecast.engines.warp_.material import rest_bends
 from cablecast.engines.warp_.rollout import rollout_kernel
 from cablecast.engines.warp_.world import Features
 from cablecast.errors import InputError, check_count
@@ -52,7 +52,7 @@ at Coulomb's limit move by less than 0.1 um in 20 s at up to a share of 0.18, by
 REST_DURATION = 0.05
 """Time for which a world must be slow to be at rest [s]."""
 
-MODEL_VERSION = 7
+MODEL_VERSION = 8
 """Counts the changes that move landings by more than rounding does. It is among the settings of a
 dataset, so that casts of one model are never continued with those of another."""
 
@@ -171,7 +171,6 @@ class EngineWarp:
         )
         segment_mass = np.atleast_1d(np.asarray(params.mass)) / self.segment_count
         stiffness = np.atleast_1d(np.asarray(params.bend_stiffness))
-        stiffness = stiffness * (1.0 + lag_ratios(np.atleast_1d(params.damping_time)))
         segment_length = cables.length / self.segment_count
         fastest = fastest_wave(stiffness, segment_mass, segment_length)
         ends = has_end(params) & (far_path is None)
@@ -181,7 +180,9 @@ class EngineWarp:
             fastest = np.maximum(fastest, np.where(ends, at_end, 0.0))
         if self.table and self.precision == "single" and cables.world_count is None:
             warn_of_creep(cables.cables[0], self.segment_count)
-        counts = np.broadcast_to(substep_counts(fastest, self.dt), plan.world_count)
+        damping_time = np.atleast_1d(params.damping_time)
+        counts = substep_counts(fastest, damping_time, self.dt)
+        counts = np.broadcast_to(counts, plan.world_count)
         ends = np.broadcast_to(ends, plan.world_count)
         kinds = cables.kinds(plan.world_count)
 
@@ -244,7 +245,7 @@ class EngineWarp:
         rest_bend = (
             self._rest_bend(cable, grip_path, plan, with_end) if features.remembers else None
         )
-        state = batch.state(plan.initial_state, np.atleast_1d(cable.params.damping_time), rest_bend)
+        state = batch.state(plan.initial_state, rest_bend)
         samples = batch.samples(
             plan.sample_count, plan.steps_per_sample, record_nodes, record_forces
         )

@@ -1,21 +1,30 @@
 """Material: bending that lags behind, a curl, and sharp bends that stay in the cable.
 
-Each node remembers two bends as vectors that turn with the cable's material: `rest`, the bend at
-which it feels no moment, and `lag`, the bend to which a dashpot has yielded so far. With b the bend
-of the node (elastic.py), its moment over the segment length is
+Each node remembers two vectors that turn with the cable's material: `rest`, the bend at which it
+feels no moment, and `strain`, the bend that its dashpot has not followed yet. With b the bend of
+the node (elastic.py) and T the damping time, its moment over the segment length is
 
-    EI / l^3 ((phi / sin phi) b - rest + R (b - lag)),     lag' = (b - lag) / T.
+    EI / l^3 ((phi / sin phi) b - rest) + f,     T EI / l^3 (b - strain)' = f,
 
-This is Zener's solid: a spring beside a spring of R times its stiffness that a dashpot stretches.
-For motions slower than T it is Kelvin's and Voigt's, EI (curvature + R T d curvature / dt); faster
-ones find it stiffer, but never rigid, so that no step is too long for it.
+where the derivative leaves out what turns with the material. Without strain this is Kelvin's and
+Voigt's solid, EI (curvature + T d curvature / dt), which a step can follow only up to a frequency:
+so the strain is that of springs before the dashpots, as soft as the step needs them,
+
+    strain = `SPRING` dt^2 B M^-1 B^T f,
+
+with b = B x and M the masses. A mode of bending of frequency w has a spring 1 / (SPRING (w dt)^2)
+times as stiff as the cable, and follows Kelvin and Voigt up to that over T; how fast it creeps
+under a force depends on no spring. A step takes the dashpots by backward Euler: f solves
+(dt l^3 / (T EI) + SPRING dt^2 B M^-1 B^T) f = strain with what the step has bent, a matrix of five
+diagonals that is factored once.
 
 Where the elastic bend b - rest is greater than that of the yield curvature, rest follows it by the
 excess over the yield time, as in Bingham's solid: a sharp bend that lasts stays in the cable.
 
 What is remembered is carried by the tangent without turning, and turned by the spin about it. So
 the moment of a memory has a part that turns segments about their axis: a bent cable that rolls is
-bent anew all the time, and a curl rolls back.
+bent anew all the time, and a curl rolls back. Segments are so light about their axis that a step
+takes the change of that torque implicitly: it adds to their inertia in the torsion solve.
 """
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
@@ -29,22 +38,61 @@ import warp as wp
 from numpy.typing import NDArray
 
 from cablecast.conventions import tangent
-from cablecast.engines.warp_.elastic import curvature_functions
+from cablecast.engines.warp_.elastic import curvature_functions, factor_band
 from cablecast.engines.warp_.lanes import lane_functions
 from cablecast.engines.warp_.world import world_structs
 from cablecast.motion.grip_path import GripPath
 
-LAG_RATIO = 3.0
-"""R: stiffness of the spring before the dashpot, over that of the cable. A greater one would follow
-Kelvin and Voigt to faster motions, and take shorter steps."""
+SPRING = 0.75
+"""Compliance of the springs before the dashpots, over that of the masses in a step (see above).
+Leapfrog bears (w dt)^2 < 4 in all, of which the springs take 1 / SPRING. At 1/2 their error would
+be of second order alone, and nothing would be left for bending."""
+
+MOST_SPRING = 1.0 / SPRING
+"""Most that the springs before the dashpots add to (w dt)^2 of a step."""
 
 
-def lag_ratios(damping_time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the stiffness of the spring before the dashpot over that of the cable [-].
+def dashpot_factors(
+    bending: NDArray[np.float64],
+    damping_time: NDArray[np.float64],
+    mass: NDArray[np.float64],
+    dt: float,
+    joint: tuple[NDArray[np.float64], float] | None = None,
+) -> tuple[NDArray[np.float64], ...]:
+    """Factor the matrix of the dashpots (see above).
 
-    Moments lead the bend by the damping time [s], of any shape; without one there is no dashpot.
+    Args:
+        bending: EI / l^3 [N/m], shape [world].
+        damping_time: Time by which moments lead the bend [s], shape [world].
+        mass: Node masses [kg], infinite where held, shape [world, node].
+        dt: Step [s].
+        joint: As of `filter_factors`.
+
+    Returns:
+        dt l^3 / (T EI) of a whole cell [m/N], shape [world]; then what `factor_band` returns
+        [N/m, -, -].
     """
-    return np.where(damping_time > 0.0, LAG_RATIO, 0.0)
+    # Nothing that does not damp is stiff.
+    yielding = dt / np.maximum(damping_time * bending, 1e-20)
+    cells = np.ones(mass.shape[1])
+    before, middle, after = (np.full_like(mass, value) for value in (1.0, -2.0, 1.0))
+    cells[0] = 2.0
+    before[:, 0] = 0.0
+    before[:, -1] = np.where(np.isfinite(mass[:, -1]), 0.0, 1.0)
+    middle[:, -1] = after[:, -1] = 0.0
+    cells[-1] = 2.0
+    if joint is not None:
+        ratio, cells[-2] = joint
+        middle[:, -2], after[:, -2] = -(1.0 + ratio), ratio
+    inverse = SPRING * dt**2 / mass
+    left, right = np.roll(inverse, 1, axis=1), np.roll(inverse, -1, axis=1)
+    diagonal = before**2 * left + middle**2 * inverse + after**2 * right
+    diagonal += yielding[:, None] / cells
+    off1, off2 = np.zeros_like(mass), np.zeros_like(mass)
+    off1[:, :-1] = (middle * inverse)[:, :-1] * before[:, 1:]
+    off1[:, :-1] += (after * right)[:, :-1] * middle[:, 1:]
+    off2[:, :-2] = (after * right)[:, :-2] * before[:, 2:]
+    return yielding, *factor_band(diagonal, off1, off2)
 
 
 def rest_bends(
@@ -110,15 +158,20 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
     tiny = wp.constant(1e-12)
 
     @wp.func
-    def turned(a: vec3, half_turn: vec3, damp: lane):
-        """Return a vector turned by h, the tangent of half an angle; damp is 2 / (1 + |h|²)."""
-        return a + scale(damp, cross(half_turn, a + cross(half_turn, a)))
+    def turn(a: vec3, half_turn: vec3, damp: lane):
+        """Return what a vector gains as it turns by h, the tangent of half an angle.
+
+        Args:
+            a: Vector.
+            half_turn: h.
+            damp: 2 / (1 + |h|²).
+        """
+        return scale(damp, cross(half_turn, a + cross(half_turn, a)))
 
     @wp.func
-    def remember_node(
+    def strain_node(
         model: Model,
         state: State,
-        scratch: Scratch,
         group: int,
         node: int,
         before: Segment,
@@ -126,11 +179,10 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         cells: real,
         previous_dt: lane,
     ):
-        """Bring the memories of a node up to now; add its moment, and return its torque [N·m].
+        """Bring the memories of a node up to now; return its strain before the dashpot yields [m].
 
         Args:
-            state: Memories, which are updated.
-            scratch: Bending moments, to which that of the memories is added.
+            state: Memories; that of the rest bend is updated.
             before: Segment before the node.
             after: Segment after the node.
             cells: 1, and 2 at a gripper, where half a cell lies.
@@ -149,29 +201,112 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             mul(half, spin), along
         )
         damp = f.div(lane(real(2.0)), one + dot(half_turn, half_turn))
-        rest = turned(state.rest_bend[group][node], half_turn, damp)
-        lag = turned(state.lag_bend[group][node], half_turn, damp)
-        # In the first step, the dashpot is where the cable is.
-        kept = mul(model.lag_kept[group], previous_dt) * (real(1.0) / model.dt)
-        lag = bend + scale(kept, lag - bend)
+        rest = state.rest_bend[group][node]
+        rest = rest + turn(rest, half_turn, damp)
         elastic = bend - rest
         size = f.root(dot(elastic, elastic) + lane(squared_length * real(tiny)))
         excess = f.larger(size - model.yield_bend[group] * (real(1.0) / cells), lane())
         yielded = mul(model.yield_share[group], previous_dt) * (real(1.0) / model.dt)
-        rest = rest + scale(mul(yielded, f.div(excess, size)), elastic)
-        state.rest_bend[group, node] = rest
-        state.lag_bend[group, node] = lag
+        state.rest_bend[group, node] = rest + scale(mul(yielded, f.div(excess, size)), elastic)
+        # From rates, which rounding leaves exact: what the bend gained beside its turn.
+        gained = scale(previous_dt, after.edge_rate - before.edge_rate)
+        strain = state.strain[group][node] - bend + gained
+        return state.strain[group][node] + gained + turn(strain, half_turn, damp)
+
+    @wp.func
+    def strain_nodes(
+        model: Model,
+        path: Path,
+        far_path: Path,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        previous_dt: lane,
+    ):
+        """Bring all memories up to now, and eliminate the dashpots from the grip on.
+
+        Args:
+            state: State at the start of the step, whose memories are updated.
+            scratch: Receives the right side of the dashpots.
+        """
+        last = model.node_count - 1
+        lower1 = model.dashpot_lower1[group]
+        lower2 = model.dashpot_lower2[group]
+        strains = state.strain[group]
+        right_sides = scratch.dashpot[group]
+        before = segments.gripper_segment(model, path, group)
+        right1 = vec3()
+        right2 = vec3()
+        cells = real(2.0)
+        node = int(0)
+        while node < last - 1:
+            after = read_segment(state, group, node)
+            strain = strain_node(model, state, group, node, before, after, cells, previous_dt)
+            strains[node] = strain
+            right = strain - scale(lower1[node], right1) - scale(lower2[node], right2)
+            right_sides[node] = right
+            right2 = right1
+            right1 = right
+            before = after
+            cells = real(1.0)
+            node += 1
+        after = segments.last_segment(model, state, group)
+        strain = strain_node(
+            model, state, group, node, before, after, model.joint_cells, previous_dt
+        )
+        strains[node] = strain
+        right = strain - scale(lower1[node], right1) - scale(lower2[node], right2)
+        right_sides[node] = right
+        if model.far_is_held == 1:
+            gripper = segments.gripper_segment(model, far_path, group)
+            strain = strain_node(model, state, group, last, after, gripper, real(2.0), previous_dt)
+            strains[last] = strain
+            right_sides[last] = strain - scale(lower1[last], right) - scale(lower2[last], right1)
+
+    @wp.func
+    def remember_node(
+        model: Model,
+        state: State,
+        scratch: Scratch,
+        group: int,
+        node: int,
+        before: Segment,
+        after: Segment,
+        cells: real,
+        moment: vec3,
+    ):
+        """Store the moment of a node's memories; return their torque, and how it holds the roll.
+
+        Args:
+            state: Memories; the dashpot yields to its moment.
+            scratch: Receives the moment.
+            before: Segment before the node.
+            after: Segment after the node.
+            cells: 1, and 2 at a gripper, where half a cell lies.
+            moment: Moment f of the dashpot over the segment length [N].
+
+        Returns:
+            Half the torque [N·m], and half of what a change of the roll in this step adds to the
+            inertia of the segments [kg·m²], as two rows, for the segments on either side.
+        """
+        one = lane(real(1.0))
+        bend = after.edge - before.edge
+        middle = before.edge + after.edge
+        squared_length = model.segment_length * model.segment_length
+        along = scale(
+            f.root(f.div(one, dot(middle, middle) + lane(squared_length * real(folded)))), middle
+        )
         stiffness = model.bending[group] * cells
-        ratio = model.lag_ratio[group]
-        lagging = scale(mul(stiffness, ratio), bend - lag)
-        moments = scratch.bending_moment[group]
-        moments[node] = moments[node] + lagging - scale(stiffness, rest)
-        remembered = rest + scale(ratio, lag)
-        torque = mul(stiffness, dot(along, cross(remembered, bend)))
-        # What a step cannot follow, because segments are so light about their axis, takes longer.
-        hardness = mul(stiffness, f.absolute(dot(remembered, bend))) * (model.dt * model.dt)
-        inertia = model.segment_mass[group] * (model.radius * model.radius)
-        return mul(torque, f.div(inertia, inertia + hardness))
+        remembered = scale(stiffness, state.rest_bend[group][node]) - moment
+        yielded = scale(model.dashpot_yielding[group] * (real(1.0) / cells), moment)
+        state.strain[group, node] = state.strain[group][node] - yielded
+        scratch.memory_moment[group, node] = -remembered
+        torque = dot(along, cross(remembered, bend)) * real(0.5)
+        holding = state.rest_bend[group][node] + scale(model.dashpot_ratio[group], bend)
+        hardness = mul(stiffness, f.absolute(dot(holding, bend))) * (
+            real(0.5) * model.dt * model.dt
+        )
+        return wp.matrix_from_rows(torque, hardness)
 
     @wp.func
     def remember_bends(
@@ -183,45 +318,56 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         group: int,
         previous_dt: lane,
     ):
-        """Bring all memories up to now, and add their moments and torques to those of the cable.
+        """Bring all memories up to now, and find their moments and torques.
 
         Args:
             state: State at the start of the step, whose memories are updated.
-            scratch: Bending moments and the eliminated torsion system, which are added to.
+            scratch: Receives moments, torques, and what these add to the inertia of the segments.
         """
+        strain_nodes(model, path, far_path, state, scratch, group, previous_dt)
         last = model.node_count - 1
-        pivots = model.spin_pivot[group]
-        right_sides = scratch.torque[group]
-        coupling = mul(model.torsion[group], model.torsion_time[group]) * model.dt
-        half = real(0.5)
+        diagonal = model.dashpot_diagonal[group]
+        lower1 = model.dashpot_lower1[group]
+        lower2 = model.dashpot_lower2[group]
+        dashpots = scratch.dashpot[group]
+        torques = scratch.memory_torque[group]
+        inertias = scratch.memory_inertia[group]
         after = segments.last_segment(model, state, group)
-        torque_after = lane()
+        roll_after = wp.matrix_from_rows(lane(), lane())
+        # Moments of the dashpots at the next two nodes [N].
+        moment1 = vec3()
+        moment2 = vec3()
         if model.far_is_held == 1:
             gripper = segments.gripper_segment(model, far_path, group)
-            torque_after = remember_node(
-                model, state, scratch, group, last, after, gripper, real(2.0), previous_dt
+            moment1 = scale(diagonal[last], dashpots[last])
+            roll_after = remember_node(
+                model, state, scratch, group, last, after, gripper, real(2.0), moment1
             )
-        # What the torque on a segment and those beyond it leaves after the elimination of these.
-        eliminated = lane()
         cells = model.joint_cells
         node = int(last - 1)
         while node > 0:
             before = read_segment(state, group, node - 1)
-            torque = remember_node(
-                model, state, scratch, group, node, before, after, cells, previous_dt
+            moment = (
+                scale(diagonal[node], dashpots[node])
+                - scale(lower2[node + 2], moment2)
+                - scale(lower1[node + 1], moment1)
             )
-            right_side = (torque + torque_after) * half + eliminated
-            right_sides[node] = right_sides[node] + right_side
-            eliminated = mul(mul(coupling, pivots[node]), right_side)
-            torque_after = torque
+            roll = remember_node(model, state, scratch, group, node, before, after, cells, moment)
+            torques[node] = roll[0] + roll_after[0]
+            inertias[node] = roll[1] + roll_after[1]
+            roll_after = roll
             after = before
+            moment2 = moment1
+            moment1 = moment
             cells = real(1.0)
             node -= 1
         gripper = segments.gripper_segment(model, path, group)
-        torque = remember_node(
-            model, state, scratch, group, 0, gripper, after, real(2.0), previous_dt
+        moment = (
+            scale(diagonal[0], dashpots[0]) - scale(lower2[2], moment2) - scale(lower1[1], moment1)
         )
-        right_sides[0] = right_sides[0] + (torque + torque_after) * half + eliminated
+        roll = remember_node(model, state, scratch, group, 0, gripper, after, real(2.0), moment)
+        torques[0] = roll[0] + roll_after[0]
+        inertias[0] = roll[1] + roll_after[1]
 
     @wp.func
     def node_energy(model: Model, state: State, group: int, node: int, bend: vec3):
@@ -231,10 +377,8 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             state: Memories of the node.
             bend: Edge after the node minus the edge before it [m].
         """
-        lagging = bend - state.lag_bend[group][node]
         rest = state.rest_bend[group][node]
-        lag_energy = mul(model.lag_ratio[group] * real(0.5), dot(lagging, lagging))
-        return lag_energy + dot(rest, rest * real(0.5) - bend)
+        return dot(rest, rest * real(0.5) - bend)
 
     @wp.func
     def remembered_energy(model: Model, path: Path, far_path: Path, state: State, group: int):

@@ -234,10 +234,10 @@ def step_functions(precision: str, lane_count: int, features: Features) -> Simpl
         Returns:
             A squared speed to compare with that of rest [m²/s²]; see `integrate.move`.
         """
+        material.remember_bends(model, path, far_path, state, scratch, group, active * previous_dt)
         curvature.measure_curvature(
             model, path, far_path, state, scratch, group, active * previous_dt
         )
-        material.remember_bends(model, path, far_path, state, scratch, group, active * previous_dt)
         work = energy.gripper_power(model, path, state, scratch, group, 0, real(1.0))
         if model.far_is_held == 1:
             work += energy.gripper_power(

@@ -47,9 +47,13 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             torsion_time: Implicit share of dt, and the time by which twist is damped [s],
                 shape [group].
             twist_damping_time: Time by which twist is damped [s], shape [group].
-            lag_ratio: Stiffness of the spring before the dashpot, over that of bending [-],
-                shape [group].
-            lag_kept: Share of its stretch that this spring keeps in a step [-], shape [group].
+            dashpot_ratio: Time by which bending is damped, over the step [-], shape [group].
+            dashpot_yielding: Bend by which the dashpot of a whole cell yields in a step to a moment
+                over the segment length (material.py) [m/N], shape [group].
+            dashpot_diagonal: Inverse diagonal of the dashpots (material.py) [N/m],
+                shape [group, node].
+            dashpot_lower1: First lower diagonal of the dashpots [-], shape [group, node + 2].
+            dashpot_lower2: Second lower diagonal of the dashpots [-], shape [group, node + 2].
             yield_bend: Elastic bend of a whole cell beyond which the cable yields [m],
                 shape [group].
             yield_share: Share of what lies beyond it that stays in the cable after a step [-],
@@ -77,6 +81,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 a segment's mass [-], shape [group]: 1, and another for an attachment.
             spin_response: Spin that a segment takes up within a step per velocity that friction
                 takes from its nodes across the cable [1/m], shape [group, segment].
+            spin_inertia: Moment of inertia of each segment about its axis [kg·m²],
+                shape [group, segment].
             spin_pivot: Inverse pivots of the torsion solve (elastic.py) [1/(kg·m²)],
                 shape [group, segment].
             filter_diagonal: Inverse diagonal of the bending filter (elastic.py) [1/kg],
@@ -101,8 +107,11 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         torsion: wp.array(dtype=lane)
         torsion_time: wp.array(dtype=lane)
         twist_damping_time: wp.array(dtype=lane)
-        lag_ratio: wp.array(dtype=lane)
-        lag_kept: wp.array(dtype=lane)
+        dashpot_ratio: wp.array(dtype=lane)
+        dashpot_yielding: wp.array(dtype=lane)
+        dashpot_diagonal: wp.array2d(dtype=lane)
+        dashpot_lower1: wp.array2d(dtype=lane)
+        dashpot_lower2: wp.array2d(dtype=lane)
         yield_bend: wp.array(dtype=lane)
         yield_share: wp.array(dtype=lane)
         sharp_torsion: wp.array(dtype=lane)
@@ -120,6 +129,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         mass_ratio: wp.array2d(dtype=lane)
         near_ratio: wp.array(dtype=lane)
         spin_response: wp.array2d(dtype=lane)
+        spin_inertia: wp.array2d(dtype=lane)
         spin_pivot: wp.array2d(dtype=lane)
         filter_diagonal: wp.array2d(dtype=lane)
         filter_lower1: wp.array2d(dtype=lane)
@@ -174,8 +184,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             twist: Twist at each node, between the segments before and after it [rad],
                 shape [group, node].
             spin: Spin of each segment about its tangent [rad/s], shape [group, segment].
-            turn: Turn of each segment by which the torque leads its twist if it spins on as before
-                (elastic.py) [rad], shape [group, segment].
+            turn: Turn of each segment by which the torque leads its twist after the last change
+                of spin (elastic.py) [rad], shape [group, segment].
             binormal: Curvature binormal of each node at the start of the last step [-],
                 shape [group, node].
             tension: dt^2 times tension over length of each segment in the last step [kg],
@@ -188,7 +198,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 it against turning about the vertical [N·s], shape [group, segment].
             rest_bend: Bend at which each node feels no moment [m], shape [group, node], or [1, 1]
                 where nothing is remembered.
-            lag_bend: Bend to which the dashpot at each node has yielded [m], same shape.
+            strain: Bend that the dashpot at each node has not followed yet [m], same shape.
             work: Work that the grippers have done since the last check [J], shape [group].
             energy: Energy at the last check [J], shape [group].
             growth: Energy gained without work since it was least [J], shape [group].
@@ -208,7 +218,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         axial_impulse: wp.array2d(dtype=lane)
         couple_impulse: wp.array2d(dtype=lane)
         rest_bend: wp.array2d(dtype=vec3)
-        lag_bend: wp.array2d(dtype=vec3)
+        strain: wp.array2d(dtype=vec3)
         work: wp.array(dtype=lane)
         energy: wp.array(dtype=lane)
         growth: wp.array(dtype=lane)
@@ -229,13 +239,22 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 `bending_moment`.
             elimination: Upper diagonal [-] and right side [kg] of the eliminated system for the
                 tensions, in place of `acceleration`, shape [group, segment].
-            force: Elastic force on each node, halfway through the bending filter [N],
-                shape [group, node].
+            dashpot: Right side of the eliminated dashpots (material.py) [m], shape [group, node].
+            memory_moment: Bending moment of what the material remembers at each node, over the
+                segment length [N], in place of `dashpot`.
+            memory_torque: Torque of what the material remembers on each segment [N·m],
+                shape [group, segment].
+            memory_inertia: What a change of that torque adds to the inertia of each segment about
+                its axis [kg·m²], shape [group, segment].
+            spin_pivot: Inverse pivots of the torsion solve with that inertia [1/(kg·m²)],
+                shape [group, segment].
+            force: Elastic force on each node, halfway through the bending filter [N], in place of
+                `memory_moment`, shape [group, node].
             velocity: Predicted velocity of each node without tensions [m/s], in place of `force`.
             torque: Right side of the eliminated torsion system [N·m], shape [group, segment].
             spin: Predicted spin of each segment [rad/s], in place of `torque`.
-            lead: Part of each node's torque that the bending of a curve rubs out of the dashpot of
-                its twist, over GJ / l [rad], shape [group, node].
+            lead: Part of each node's torque that the dashpot of its twist makes, over GJ / l [rad],
+                shape [group, node].
             normal_impulse: Normal impulse of the table, per mass of each node [m/s], in place of
                 `lead`.
             load: Sum of the normal impulses on a segment from its nodes, over half its mass [m/s],
@@ -245,6 +264,11 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         bending_moment: wp.array2d(dtype=vec3)
         acceleration: wp.array2d(dtype=vec3)
         elimination: wp.array2d(dtype=vec3)
+        dashpot: wp.array2d(dtype=vec3)
+        memory_moment: wp.array2d(dtype=vec3)
+        memory_torque: wp.array2d(dtype=lane)
+        memory_inertia: wp.array2d(dtype=lane)
+        spin_pivot: wp.array2d(dtype=lane)
         force: wp.array2d(dtype=vec3)
         velocity: wp.array2d(dtype=vec3)
         torque: wp.array2d(dtype=lane)
