@@ -135,6 +135,7 @@ PARAMS: dict[str, ParamInfo] = {
     ),
     "yield_time": ParamInfo(unit="s", bounds=(0.0, 100.0), default=0.0),
     "attachment_friction_ratio": ParamInfo(unit="", bounds=(0.1, 10.0), default=1.0),
+    "drag_ratio": ParamInfo(unit="", bounds=(0.0, 2.0), default=0.0),
 }
 """What is true of each number of `CableParams`, in its order."""
 
@@ -184,6 +185,8 @@ class CableParams:
         yield_time: Time in which all but 1 / e of the curvature beyond goes over into the cable's
             shape; 0 for at once [s].
         attachment_friction_ratio: Coulomb coefficient of the attachment over that of the cable [-].
+        drag_ratio: Drag of the air on what moves along the cable over that across it at the same
+            speed; a smooth cable has some hundredths, a chain of capsules a few tenths [-].
     """
 
     twist_stiffness: float | NDArray[np.float64]
@@ -204,6 +207,7 @@ class CableParams:
     attachment_arm: float | NDArray[np.float64] = 0.0
     yield_time: float | NDArray[np.float64] = 0.0
     attachment_friction_ratio: float | NDArray[np.float64] = 1.0
+    drag_ratio: float | NDArray[np.float64] = 0.0
 
     def __post_init__(self):
         shapes = set()
@@ -287,13 +291,13 @@ class CableParams:
         return {n: np.atleast_1d(np.asarray(getattr(self, n), dtype=float)) for n in PARAMS}
 
     def to_array(self) -> NDArray[np.float64]:
-        """Return the values as an array in the order of `names`, shape [18] or [world, 18]."""
+        """Return the values as an array in the order of `names`, shape [19] or [world, 19]."""
         columns = [np.asarray(getattr(self, name), dtype=float) for name in PARAMS]
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> "CableParams":
-        """Make parameters from an array in the order of `names`, shape [18] or [world, 18]."""
+        """Make parameters from an array in the order of `names`, shape [19] or [world, 19]."""
         values = np.asarray(values, dtype=float)
         if values.ndim not in (1, 2) or values.shape[-1] != len(PARAMS):
             raise InputError(

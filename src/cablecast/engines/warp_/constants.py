@@ -279,6 +279,7 @@ def model_constants(
         ),
         "lateral_mass": 1.0 / (1.0 + response * cable.radius),
         "drag": AIR_DENSITY * values["drag_coefficient"] * cable.radius * segment_length,
+        "drag_ratio": values["drag_ratio"],
         "friction_ratio": values["friction_ratio"],
         "mass_ratio": mass_ratio,
         "near_ratio": near_ratio,

@@ -1,10 +1,12 @@
 """One step of the cable: each line of `step` is a stage; time integration and air are here.
 
-Drag of the air is quadratic in the speed, and acts across the cable only. A length dl of a cable of
-diameter d that moves across itself at a velocity v feels a force of 1/2 rho C d |v| v dl; along
-itself it feels nothing (Morison's cross-flow principle). A step takes k |v| v' with v the velocity
-across at its start, v' that at its end and k the drag over the mass of the node: implicit, of
-second order in time, and exact for a node that nothing else moves, whose speed falls as
+Drag of the air is quadratic in the speed, across and along the cable each by itself. A length dl of
+a cable of diameter d that moves across itself at a velocity v feels 1/2 rho C d |v| v dl, and along
+itself at a velocity u it feels 1/2 rho C r d |u| u dl (Morison's equation with the cross-flow
+principle and a tangential coefficient, as for mooring lines; MuJoCo's inertia model has the same
+law, with r the width of a body's box over its length). A step takes k |v| v' with v the velocity
+across or along at its start, v' that at its end and k the drag over the mass of the node: implicit,
+of second order in time, and exact for a node that nothing else moves, whose speed falls as
 v / (1 + k v t).
 """
 
@@ -141,9 +143,9 @@ def air_functions(precision: str, lane_count: int, drags: bool) -> SimpleNamespa
     folded = wp.constant(1.0e-6)
 
     @wp.func
-    def across(vector: vec3, chord: vec3, inverse_square: lane):
-        """Return what of a vector is not along a chord, given 1 / |chord|²."""
-        return vector - scale(mul(dot(vector, chord), inverse_square), chord)
+    def along(vector: vec3, chord: vec3, inverse_square: lane):
+        """Return what of a vector is along a chord, given 1 / |chord|²."""
+        return scale(mul(dot(vector, chord), inverse_square), chord)
 
     @wp.func
     def resist(model: Model, state: State, scratch: Scratch, group: int, force_dt: real):
@@ -169,11 +171,18 @@ def air_functions(precision: str, lane_count: int, drags: bool) -> SimpleNamespa
             x_before = position[node - 1]
             chord = x_after - x_before
             inverse_square = div(one, dot(chord, chord) + least)
-            v = across(velocity[node], chord, inverse_square)
-            taken = mul(mul(drag_dt * cells, inverse_mass[node]), f.root(dot(v, v)))
+            u = along(velocity[node], chord, inverse_square)
+            v = velocity[node] - u
+            per_speed = mul(drag_dt * cells, inverse_mass[node])
+            taken = mul(per_speed, f.root(dot(v, v)))
+            taken_along = mul(mul(per_speed, model.drag_ratio[group]), f.root(dot(u, u)))
             free = predicted[node]
+            free_along = along(free, chord, inverse_square)
             share = div(taken, one + taken)
-            predicted[node] = free - scale(share, across(free, chord, inverse_square))
+            share_along = div(taken_along, one + taken_along)
+            predicted[node] = (
+                free - scale(share, free - free_along) - scale(share_along, free_along)
+            )
             x_after = x
             x = x_before
             cells = real(1.0)

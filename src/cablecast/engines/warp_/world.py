@@ -74,6 +74,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 node [-], shape [group]; 1/3 for a cylinder that is free to roll.
             drag: Drag of a whole cell across the cable over the square of its speed [kg/m],
                 shape [group].
+            drag_ratio: Drag along the cable over that across it [-], shape [group].
             friction_ratio: Friction along the cable over that across it [-], shape [group].
             mass_ratio: Mass with which a node lies on the segment before it, over half a segment's
                 mass [-], shape [group, node]: 1, and another where an attachment lies.
@@ -125,6 +126,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         rotation_viscosity: wp.array(dtype=lane)
         lateral_mass: wp.array(dtype=lane)
         drag: wp.array(dtype=lane)
+        drag_ratio: wp.array(dtype=lane)
         friction_ratio: wp.array(dtype=lane)
         mass_ratio: wp.array2d(dtype=lane)
         near_ratio: wp.array(dtype=lane)
