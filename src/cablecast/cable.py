@@ -153,8 +153,8 @@ class CableParams:
     """Physics of a cable in SI units: the ten parameters of the paper, and its material.
 
     Every value is a number shared by all worlds, or an array with one value per world, shape
-    [world]. The values after the ten, the material, do nothing by default; `EngineWarp` alone
-    simulates them.
+    [world]. All but mass and bend stiffness do nothing by default, so that a cable in the air needs
+    no friction. The values after the ten are the material, which `EngineWarp` alone simulates.
 
     Attributes:
         twist_stiffness: Torsional rigidity GJ [N·m²].
@@ -189,16 +189,16 @@ class CableParams:
             speed; a smooth cable has some hundredths, a chain of capsules a few tenths [-].
     """
 
-    twist_stiffness: float | NDArray[np.float64]
+    twist_stiffness: float | NDArray[np.float64] = 0.0
     bend_stiffness: float | NDArray[np.float64]
     mass: float | NDArray[np.float64]
-    endpoint_mass: float | NDArray[np.float64]
-    lateral_friction: float | NDArray[np.float64]
-    worksurface_friction: float | NDArray[np.float64]
-    spinning_friction: float | NDArray[np.float64]
-    rolling_friction: float | NDArray[np.float64]
-    linear_damping: float | NDArray[np.float64]
-    angular_damping: float | NDArray[np.float64]
+    endpoint_mass: float | NDArray[np.float64] = 0.0
+    lateral_friction: float | NDArray[np.float64] = 0.0
+    worksurface_friction: float | NDArray[np.float64] = 0.0
+    spinning_friction: float | NDArray[np.float64] = 0.0
+    rolling_friction: float | NDArray[np.float64] = 0.0
+    linear_damping: float | NDArray[np.float64] = 0.0
+    angular_damping: float | NDArray[np.float64] = 0.0
     damping_time: float | NDArray[np.float64] = 0.0
     rest_curvature: float | NDArray[np.float64] = 0.0
     drag_coefficient: float | NDArray[np.float64] = 0.0

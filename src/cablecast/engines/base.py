@@ -135,10 +135,118 @@ class CableState:
         )
 
     @classmethod
+    def hanging(
+        cls,
+        cable: Cable | Sequence[Cable],
+        grip_path: GripPath,
+        segment_count: int,
+        gravity: float = GRAVITY,
+    ) -> "CableState":
+        """Return cables that hang at rest from the grip, whichever way it points.
+
+        It is the equilibrium of an engine's chain without a table: a heavy elastic rod in the
+        vertical plane of the grip. An attachment counts as a point mass, and a cable with a curl,
+        whose equilibrium lies in no plane, as a straight one.
+
+        Args:
+            cable: Cable, shared or a sequence with one per world.
+            grip_path: Path whose start gives the grip pose, one row or one per world. A grip that
+                points upwards bends the cable down along its yaw.
+            segment_count: Number of segments.
+            gravity: Acceleration of free fall [m/s²].
+
+        Raises:
+            InputError: The cable finds no rest.
+        """
+        start = grip_path.evaluate(grip_path.knots[:, :1])[:, 0]
+        cables = CableRows.of(cable)
+        params = cables.params
+        world_count = batch_size(len(grip_path), cables.world_count)
+        start = np.broadcast_to(start, (world_count, start.shape[1]))
+        mass = np.broadcast_to(params.mass, world_count)
+        end_mass = np.broadcast_to(params.endpoint_mass, world_count)
+        length = np.broadcast_to(cables.length, world_count) / segment_count
+        bending = np.broadcast_to(params.bend_stiffness, world_count) / length
+        below = segment_count - 0.5 - np.arange(segment_count)
+        weight = gravity * (mass[:, None] / segment_count * below + end_mass[:, None])
+        angles = _hanging_angles(start[:, 4], bending, weight * length[:, None])
+        edges = np.stack(
+            [
+                np.sin(start[:, 3, None]) * np.cos(angles),
+                np.cos(start[:, 3, None]) * np.cos(angles),
+                np.sin(angles),
+            ],
+            axis=-1,
+        )
+        steps = np.cumsum(length[:, None, None] * edges, axis=1)
+        nodes = np.concatenate([np.zeros((world_count, 1, 3)), steps], axis=1)
+        return cls.at_rest(nodes + start[:, None, :3])
+
+    @classmethod
     def stack(cls, states: Sequence["CableState"]) -> "CableState":
         """Stack several batches into one."""
         names = [field.name for field in dataclasses.fields(cls)]
         return cls(**{name: np.concatenate([getattr(s, name) for s in states]) for name in names})
+
+
+_HANGING_STEPS, _AT_REST = 200, 1e-9
+
+
+def _hanging_angles(
+    pitch: NDArray[np.float64], bending: NDArray[np.float64], load: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the pitches of the segments of hanging cables [rad], shape [world, segment].
+
+    Newton's method on the energy EI phi^2 / (2 l) of the cells, half a cell at the grip, and of the
+    weight, with as much added to its matrix as makes each step go down.
+
+    Args:
+        pitch: Pitch of the grip [rad], shape [world].
+        bending: EI / l [N·m], shape [world].
+        load: Weight below the middle of each segment times its length [N·m], shape
+            [world, segment].
+    """
+    from scipy.linalg import solveh_banded
+
+    angles = np.empty_like(load)
+    for world, (clamp, stiffness, pull) in enumerate(zip(pitch, bending, load, strict=True)):
+        # The cable leaves the grip as it points, and turns down on the shorter way.
+        down = -0.5 * np.pi + 2.0 * np.pi * np.round((clamp + 0.5 * np.pi) / (2.0 * np.pi))
+
+        def energy(a, clamp=clamp, stiffness=stiffness, pull=pull):
+            bends = np.sum(np.diff(a) ** 2) + 8.0 * np.sin(0.5 * (a[0] - clamp)) ** 2
+            return 0.5 * stiffness * bends + pull @ np.sin(a)
+
+        reach = np.sqrt(stiffness / max(pull[0], 1e-300))
+        now = down + (clamp - down) * np.exp(-(np.arange(len(pull)) + 0.5) / max(reach, 0.1))
+        added = 0.0
+        for _ in range(_HANGING_STEPS):
+            bends = np.diff(now)
+            slope = pull * np.cos(now)
+            slope[0] += 2.0 * stiffness * np.sin(now[0] - clamp)
+            slope[:-1] -= stiffness * bends
+            slope[1:] += stiffness * bends
+            if np.abs(slope).max() <= _AT_REST * (stiffness + pull[0]):
+                break
+            matrix = np.full((2, len(pull)), -stiffness)
+            matrix[1] = 2.0 * stiffness - pull * np.sin(now)
+            matrix[1, 0] += stiffness * (2.0 * np.cos(now[0] - clamp) - 1.0)
+            matrix[1, -1] -= stiffness
+            matrix[1] += added
+            try:
+                after = now - solveh_banded(matrix, slope)
+                # Beside rounding.
+                down_hill = energy(after) <= energy(now) + 1e-13 * (stiffness + pull.sum())
+            except np.linalg.LinAlgError:
+                down_hill = False
+            if down_hill:
+                now, added = after, 0.2 * added if added > 1e-6 * pull[0] else 0.0
+            else:
+                added = max(5.0 * added, 1e-3 * (stiffness + pull[0]))
+        else:
+            raise InputError(f"a hanging cable finds no rest in {_HANGING_STEPS} Newton steps")
+        angles[world] = now
+    return angles
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
