@@ -47,16 +47,16 @@ class CableRows:
         """Number of worlds; None if they share a cable."""
         return len(self.cables) if len(self.cables) > 1 else self.params.world_count
 
-    def kinds(self, world_count: int) -> NDArray[np.int_]:
-        """Return for each world the number of its length and diameter, shape [world]."""
-        shapes = np.stack([self.length, self.radius], axis=1)
-        kinds = np.unique(shapes, axis=0, return_inverse=True)[1].reshape(-1)
-        return np.broadcast_to(kinds, world_count)
-
-    def cable(self, worlds: NDArray[np.int_]) -> Cable:
-        """Return the cable of some worlds of one length and diameter, with the physics of each."""
-        cable = self.cables[worlds[0] if len(self.cables) > 1 else 0]
-        return cable.with_params(self.params.rows(worlds))
+    def rows(self, worlds: NDArray[np.int_]) -> "CableRows":
+        """Return the cables of some worlds; one that all share stays so."""
+        if len(self.cables) == 1:
+            return dataclasses.replace(self, params=self.params.rows(worlds))
+        return CableRows(
+            cables=tuple(self.cables[world] for world in worlds),
+            length=self.length[worlds],
+            radius=self.radius[worlds],
+            params=self.params.rows(worlds),
+        )
 
 
 def one_cable(cable: Cable | Sequence[Cable]) -> Cable:

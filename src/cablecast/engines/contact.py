@@ -41,4 +41,4 @@ def first_contact(
         distance = np.linalg.norm(offset - along[..., None] * axis, axis=-1)
         touches |= np.any(distance < radius + reach, axis=-1)
     steps = np.argmax(touches, axis=1)
-    return np.where(touches.any(axis=1), steps, touches.shape[1])
+    return np.where(touches.any(axis=1), steps, nodes.shape[1])

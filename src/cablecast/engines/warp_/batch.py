@@ -8,8 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.cable import Cable
-from cablecast.engines.base import CableForces, CableState, Rollout
+from cablecast.engines.base import CableForces, CableRows, CableState, Rollout
 from cablecast.engines.warp_.constants import JOINT_CELLS, EndSegment, model_constants
 from cablecast.engines.warp_.energy import UNKNOWN_ENERGY
 from cablecast.motion.grip_path import GripPath
@@ -105,7 +104,7 @@ class Batch:
             return stored.transpose((len(shape) - 1, *range(len(shape) - 1)))
         return wp.zeros(shape, dtype=dtype, device=device)
 
-    def model(self, cable: Cable, dt: float, gravity: float, far_is_held: bool):
+    def model(self, cables: CableRows, dt: float, gravity: float, far_is_held: bool):
         """Pack the constants: step [s] and acceleration of free fall [m/s²] among them."""
         model = self.build.Model()
         model.node_count = self.node_count
@@ -113,10 +112,10 @@ class Batch:
         model.dt = dt
         model.endpoint = self.cable_segment_count
         model.joint_cells = 1.0 if self.end is None else JOINT_CELLS
-        model.segment_length = cable.length / self.cable_segment_count
-        model.radius = cable.radius
         model.gravity = gravity
-        constants = model_constants(cable, self.cable_segment_count, dt, far_is_held, self.end)
+        constants = model_constants(cables, self.cable_segment_count, dt, far_is_held, self.end)
+        length = constants["segment_length"].astype(self.layout.real)
+        constants |= {"inverse_length": 1 / length, "inverse_square": 1 / (length * length)}
         for name, values in constants.items():
             lanes = self.to_lanes(values.reshape(len(values), -1))
             packed = lanes[:, 0] if values.ndim == 1 else lanes

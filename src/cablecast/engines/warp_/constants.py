@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import AIR_DENSITY, Cable, CableParams
 from cablecast.conventions import GRAVITY
-from cablecast.engines.base import REFERENCE_SEGMENT_COUNT, CableState
+from cablecast.engines.base import REFERENCE_SEGMENT_COUNT, CableRows, CableState
 from cablecast.engines.warp_.elastic import IMPLICIT, SHARP_TORSION, filter_factors, spin_pivots
 from cablecast.engines.warp_.material import MOST_SPRING, dashpot_factors
 
@@ -178,7 +178,7 @@ more would let short segments ring. The default resolution stays far below it.""
 
 
 def model_constants(
-    cable: Cable,
+    cables: CableRows,
     segment_count: int,
     dt: float,
     far_is_held: bool,
@@ -189,18 +189,20 @@ def model_constants(
     Shapes are [world], [world, node] or [world, segment]. A second gripper may hold the far end, or
     an attachment lie beyond it.
     """
-    values = cable.params.to_columns()
-    world_count = max(len(column) for column in values.values())
+    values = cables.params.to_columns()
+    world_count = max(len(cables.length), *(len(column) for column in values.values()))
     last_ratio = np.ones(world_count) if end is None else np.broadcast_to(end.ratio, world_count)
     values = {name: np.broadcast_to(column, world_count) for name, column in values.items()}
     damping_time = values["damping_time"]
     yields = values["yield_curvature"] > 0.0
     yield_curvature = np.where(yields, values["yield_curvature"], NEVER_CURVED)
-    segment_length = cable.length / segment_count
+    length = np.broadcast_to(cables.length, world_count)
+    radius = np.broadcast_to(cables.radius, world_count)
+    segment_length = length / segment_count
     segment_mass = values["mass"] / segment_count
     mass = np.repeat(segment_mass[:, None], segment_count + 1, axis=1)
     mass[:, -1] = 0.5 * segment_mass + values["endpoint_mass"]
-    squared_lengths = np.full((world_count, segment_count), segment_length**2)
+    squared_lengths = np.repeat(segment_length[:, None] ** 2, segment_count, axis=1)
     if end is not None:
         mass[:, -1] = 0.5 * segment_mass + end.joint_mass
         mass = np.concatenate([mass, np.broadcast_to(end.tip_mass, world_count)[:, None]], axis=1)
@@ -222,7 +224,7 @@ def model_constants(
     else:
         attached = np.broadcast_to(values["endpoint_mass"], world_count)[:, None]
         rolling_mass = np.concatenate([rolling_mass, attached], axis=1)
-    spin_inertia = 0.5 * rolling_mass * cable.radius**2
+    spin_inertia = 0.5 * rolling_mass * radius[:, None] ** 2
     mass_ratio, near_ratio = np.ones_like(mass), np.ones(world_count)
     if end is None:
         mass_ratio[:, -1] = 1.0 + 2.0 * values["endpoint_mass"] / segment_mass
@@ -244,13 +246,15 @@ def model_constants(
     torsion_time = IMPLICIT * dt + damping_time
     squared_time = dt * torsion_time
     held_inertia = spin_inertia + (2.0 * squared_time * torsion)[:, None]
-    spin_response = 0.5 * segment_mass[:, None] * cable.radius / held_inertia
+    spin_response = 0.5 * segment_mass[:, None] * radius[:, None] / held_inertia
     # Spin per velocity that all nodes lose. Friction that reckoned with less would roll some
     # segment too far.
     response = np.maximum(
         2.0 * spin_response[:, 0], (near_ratio + mass_ratio[:, -1]) * spin_response[:, -1]
     )
     return {
+        "segment_length": segment_length,
+        "radius": radius,
         "last_ratio": last_ratio,
         "squared_length": squared_lengths,
         "inverse_mass": 1.0 / mass,
@@ -270,15 +274,15 @@ def model_constants(
         "friction": values["lateral_friction"] * values["worksurface_friction"],
         "last_friction": last_friction,
         "joint_friction": joint_friction,
-        "rolling_friction": values["rolling_friction"] / cable.radius,
+        "rolling_friction": values["rolling_friction"] / radius,
         "spinning_friction": values["spinning_friction"] * segment_mass / segment_length,
         "linear_damping": values["linear_damping"],
         "angular_damping": values["angular_damping"],
         "rotation_viscosity": rotation_viscosity(
-            cable, segment_length, segment_mass, values["angular_damping"], dt
+            length, segment_length, segment_mass, values["angular_damping"], dt
         ),
-        "lateral_mass": 1.0 / (1.0 + response * cable.radius),
-        "drag": AIR_DENSITY * values["drag_coefficient"] * cable.radius * segment_length,
+        "lateral_mass": 1.0 / (1.0 + response * radius),
+        "drag": AIR_DENSITY * values["drag_coefficient"] * radius * segment_length,
         "drag_ratio": values["drag_ratio"],
         "friction_ratio": values["friction_ratio"],
         "mass_ratio": mass_ratio,
@@ -293,8 +297,8 @@ def model_constants(
 
 
 def rotation_viscosity(
-    cable: Cable,
-    segment_length: float,
+    length: NDArray[np.float64],
+    segment_length: NDArray[np.float64],
     segment_mass: NDArray[np.float64],
     angular_damping: NDArray[np.float64],
     dt: float,
@@ -304,7 +308,7 @@ def rotation_viscosity(
     The torque on a segment of the reference length turns into a viscous exchange of velocity with
     diffusivity c l_ref^2 / 12 (a thin rod's moment of inertia); c is the angular damping [1/s].
     """
-    reference = cable.length / REFERENCE_SEGMENT_COUNT
+    reference = length / REFERENCE_SEGMENT_COUNT
     diffusivity = angular_damping * reference**2 / 12
     viscosity = diffusivity * segment_mass / segment_length**2
     return np.minimum(viscosity, MOST_VISCOSITY * segment_mass / dt)

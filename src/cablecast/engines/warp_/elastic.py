@@ -248,7 +248,7 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
     remembered = wp.constant(REMEMBERED)
 
     @wp.func
-    def binormal(model: Model, sine_squared: lane, before: vec3, after: vec3):
+    def binormal(model: Model, group: int, sine_squared: lane, before: vec3, after: vec3):
         """Return the curvature binormal of two edges of equal length, 2 tan(phi / 2) long [-].
 
         The factor 2 / (l^2 + e . f) is 1 / (l^2 (1 - q)) with q = sin^2(phi / 2), here as a series
@@ -262,8 +262,7 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         q = sine_squared
         one = lane(real(1.0))
         series = one + mul(q, one + mul(q, one + mul(q, one + q)))
-        inverse_squared_length = real(1.0) / (model.segment_length * model.segment_length)
-        return scale(series * inverse_squared_length, cross(before, after))
+        return scale(mul(series, model.inverse_square[group]), cross(before, after))
 
     @wp.func
     def store_lead(
@@ -368,7 +367,7 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         twists = state.twist[group]
         binormals = state.binormal[group]
         doubled = binormals[node] + new_binormal
-        holonomy = dot(doubled, edge_rates) * (real(0.25) / model.segment_length)
+        holonomy = mul(dot(doubled, edge_rates), model.inverse_length[group] * real(0.25))
         rate = spin_difference + holonomy
         twist = twists[node] + mul(previous_dt, rate)
         twists[node] = twist
@@ -403,8 +402,8 @@ def twist_functions(precision: str, lane_count: int, damped: bool) -> SimpleName
         binormal = state.binormal[group][node]
         sharpness = dot(binormal, binormal) + lane(real(1.0e-12))
         acting = f.smaller(model.torsion[group], f.div(model.sharp_torsion[group], sharpness))
-        half_inverse_length = real(0.5) / model.segment_length
-        return scale(mul(acting, bounded) * half_inverse_length, binormal)
+        half_inverse_length = model.inverse_length[group] * real(0.5)
+        return scale(mul(mul(acting, bounded), half_inverse_length), binormal)
 
     return SimpleNamespace(
         binormal=binormal,
@@ -471,8 +470,8 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
     def gripper_segment(model: Model, path: Path, group: int):
         """Return a gripper as the `Segment` that it holds."""
         segment = Segment()
-        segment.edge = path.direction[group] * model.segment_length
-        segment.edge_rate = path.direction_rate[group] * model.segment_length
+        segment.edge = scale(model.segment_length[group], path.direction[group])
+        segment.edge_rate = scale(model.segment_length[group], path.direction_rate[group])
         segment.previous_spin = path.previous_spin[group]
         segment.turn = twist.gripper_turn(model, path, group)
         return segment
@@ -506,7 +505,7 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
             node,
             after.previous_spin - before.previous_spin,
             before.edge_rate + after.edge_rate,
-            twist.binormal(model, sine_squared, before.edge, after.edge),
+            twist.binormal(model, group, sine_squared, before.edge, after.edge),
             previous_dt,
         )
         return mul(model.torsion[group], turned + after.turn - before.turn)
@@ -527,9 +526,7 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         Bending at a gripper is linear in the angle to it. Arguments are those of `node_torque`.
         """
         bend = after.edge - before.edge
-        sine_squared = dot(bend, bend) * (
-            real(0.25) / (model.segment_length * model.segment_length)
-        )
+        sine_squared = mul(dot(bend, bend), model.inverse_square[group] * real(0.25))
         scratch.bending_moment[group, node] = scale(model.bending[group] * real(2.0), bend)
         torque = node_torque(
             model, state, scratch, group, node, before, after, sine_squared, previous_dt
@@ -581,9 +578,11 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         """
         last = model.node_count - 1
         bending = model.bending[group]
-        quarter = real(0.25) / (model.segment_length * model.segment_length)
+        quarter = model.inverse_square[group] * real(0.25)
         coupling = mul(model.torsion[group], model.torsion_time[group]) * model.dt
-        torque_per_impulse = model.segment_mass[group] * (real(0.5) * model.radius / model.dt)
+        torque_per_impulse = mul(
+            model.segment_mass[group], model.radius[group] * real(0.5) / model.dt
+        )
         axial_impulses = state.axial_impulse[group]
         moments = scratch.bending_moment[group]
         right_sides = scratch.torque[group]
@@ -600,7 +599,7 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         while node > 0:
             before = read_segment(state, group, node - 1)
             bend = after.edge - before.edge
-            sine_squared = dot(bend, bend) * quarter
+            sine_squared = mul(dot(bend, bend), quarter)
             moments[node] = node_moment(bending, sine_squared, bend)
             torque = node_torque(
                 model, state, scratch, group, node, before, after, sine_squared, previous_dt

@@ -61,14 +61,15 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         twists = state.twist[group]
         spins = state.spin[group]
         mass_ratios = model.mass_ratio[group]
-        squared_length = model.segment_length * model.segment_length
-        quarter = real(0.25) / squared_length
+        length = model.segment_length[group]
+        squared_length = mul(length, length)
+        quarter = model.inverse_square[group] * real(0.25)
         one = lane(real(1.0))
         # Half a cell at a gripper: linear in the angle, and twice as stiff.
         x = position[1]
         edge = x - position[0]
-        bend = edge - path.next_direction[group] * model.segment_length
-        bent = dot(bend, bend) * (real(4.0) * quarter)
+        bend = edge - scale(length, path.next_direction[group])
+        bent = mul(dot(bend, bend), quarter * real(4.0))
         twisted = mul(twists[0], twists[0]) * real(2.0)
         rolling = mul(mul(spins[0], spins[0]), one + mass_ratios[1])
         mass = node_mass(inverse_mass[1])
@@ -84,7 +85,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
             cells = real(1.0) + (model.joint_cells - real(1.0)) * at_last
             edge_after = scale(ratio, x_after - x)
             bend = edge_after - edge
-            bent += bend_energy(dot(bend, bend) * quarter) * cells
+            bent += bend_energy(mul(dot(bend, bend), quarter)) * cells
             twisted += mul(twists[node - 1], twists[node - 1])
             spin = spins[node - 1]
             near = one + (model.near_ratio[group] - one) * at_last
@@ -96,13 +97,14 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
             x = x_after
             node += 1
         if model.far_is_held == 1:
-            bend = far_path.next_direction[group] * model.segment_length - edge
-            bent += dot(bend, bend) * (real(4.0) * quarter)
+            bend = scale(length, far_path.next_direction[group]) - edge
+            bent += mul(dot(bend, bend), quarter * real(4.0))
             twisted += mul(twists[last], twists[last]) * real(2.0)
         moving = (kinetic + mul(model.torsion[group], twisted)) * real(0.5)
-        moving += mul(model.bending[group], bent) * squared_length
+        moving += mul(mul(model.bending[group], bent), squared_length)
         # A segment is a solid cylinder, the last with the endpoint's mass.
-        quarter_inertia = model.segment_mass[group] * (real(0.125) * model.radius * model.radius)
+        radius = model.radius[group]
+        quarter_inertia = mul(model.segment_mass[group], mul(radius * real(0.125), radius))
         moving += mul(quarter_inertia, rolling)
         moving += material.remembered_energy(model, path, far_path, state, group)
         return wp.matrix_from_rows(moving + height * model.gravity, moving)
@@ -138,14 +140,14 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         near = node + int(side)
         v = state.velocity[group][node]
         moment = scratch.bending_moment[group][node]
-        rate = path.direction_rate[group] * model.segment_length
+        rate = scale(model.segment_length[group], path.direction_rate[group])
         power = dot(scratch.bending_moment[group][near] - moment, v) - dot(moment, rate) * side
-        half_inverse_length = real(0.5) / model.segment_length
+        half_inverse_length = model.inverse_length[group] * real(0.5)
         binormals = state.binormal[group]
         twists = state.twist[group]
-        turn = dot(binormals[node], rate - v * side) * half_inverse_length
+        turn = mul(dot(binormals[node], rate - v * side), half_inverse_length)
         turn = (turn - path.previous_spin[group] * side) * real(2.0)
-        turn_near = dot(binormals[near], v) * (half_inverse_length * side)
+        turn_near = mul(dot(binormals[near], v), half_inverse_length * side)
         twisting = mul(twists[node], turn) - mul(twists[near], turn_near)
         return power + mul(model.torsion[group], twisting)
 
@@ -161,9 +163,9 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         energy = energies(model, path, far_path, state, group)
         gained = energy[0] - state.energy[group] - state.work[group]
         growth = f.larger(lane(), state.growth[group] + gained)
-        length = model.segment_length * real(last)
+        length = model.segment_length[group] * real(last)
         weight = model.segment_mass[group] * (model.gravity * real(last))
-        least = weight * (length * real(least_scale))
+        least = mul(weight, length * real(least_scale))
         moving = f.larger(state.energy_scale[group], energy[1])  # pyright: ignore
         largest = f.larger(moving, least)
         state.energy[group] = energy[0]

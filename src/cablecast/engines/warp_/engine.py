@@ -1,6 +1,5 @@
 """EngineWarp: thousands of cables at once, on all cores of a CPU or on a CUDA device."""
 
-import concurrent.futures
 import dataclasses
 import warnings
 from collections.abc import Sequence
@@ -184,14 +183,12 @@ class EngineWarp:
         counts = substep_counts(fastest, damping_time, self.dt)
         counts = np.broadcast_to(counts, plan.world_count)
         ends = np.broadcast_to(ends, plan.world_count)
-        kinds = cables.kinds(plan.world_count)
-
-        def run_part(part: NDArray[np.int_]) -> tuple[NDArray[np.int_], Rollout]:
-            kind, count, has = part.tolist()
-            worlds = np.flatnonzero((kinds == kind) & (counts == count) & (ends == has))
+        parts = []
+        for count, has in np.unique(np.stack([counts, ends], axis=1), axis=0)[::-1].tolist():
+            worlds = np.flatnonzero((counts == count) & (ends == has))
             rollout = self._run(
                 features,
-                cables.cable(worlds),
+                cables.rows(worlds),
                 rows_of(grip_path, worlds),
                 rows_of(far_path, worlds),
                 dataclasses.replace(
@@ -205,20 +202,13 @@ class EngineWarp:
                 record_forces,
                 bool(has),
             )
-            return worlds, rollout
-
-        parts = np.unique(np.stack([kinds, counts, ends], axis=1), axis=0)[::-1]
-        if len(cables.cables) == 1 or self.device.is_cuda:
-            return merge([run_part(part) for part in parts])
-        # Cables that differ are small parts, which share the cores once the kernel is loaded.
-        first = run_part(parts[0])
-        with concurrent.futures.ThreadPoolExecutor(self.thread_count) as pool:
-            return merge([first, *pool.map(run_part, parts[1:])])
+            parts.append((worlds, rollout))
+        return merge(parts)
 
     def _run(
         self,
         features: Features,
-        cable: Cable,
+        cables: CableRows,
         grip_path: GripPath,
         far_path: GripPath | None,
         plan: RolloutPlan,
@@ -227,14 +217,14 @@ class EngineWarp:
         record_forces: bool,
         with_end: bool,
     ) -> Rollout:
-        """Simulate worlds of one length and diameter that take the same step dt [s].
+        """Simulate worlds that take the same step dt [s].
 
         All or none of them have an attachment that is a body.
         """
         layout = self._layout(features)
         end = None
         if with_end:
-            end = EndSegment.of(cable.length / self.segment_count, cable.params)
+            end = EndSegment.of(cables.length / self.segment_count, cables.params)
             plan = dataclasses.replace(plan, initial_state=end.appended(plan.initial_state))
         batch = Batch(layout, self.segment_count, plan.world_count, grip_path.duration, end)
         motion_end = batch.to_lanes(np.asarray(grip_path.duration)[:, None])[:, 0]
@@ -243,7 +233,7 @@ class EngineWarp:
                 motion_end, batch.to_lanes(np.asarray(far_path.duration)[:, None])[:, 0]
             )
         rest_bend = (
-            self._rest_bend(cable, grip_path, plan, with_end) if features.remembers else None
+            self._rest_bend(cables, grip_path, plan, with_end) if features.remembers else None
         )
         state = batch.state(plan.initial_state, rest_bend)
         samples = batch.samples(
@@ -256,7 +246,7 @@ class EngineWarp:
             self.rest_speed,
             REST_DURATION if may_rest else np.inf,
             batch.array(motion_end, build.lane),
-            batch.model(cable, dt, self.gravity, far_is_held=far_path is not None),
+            batch.model(cables, dt, self.gravity, far_is_held=far_path is not None),
             batch.path(grip_path),
             batch.path(far_path if far_path is not None else _NO_PATH),
             state,
@@ -266,7 +256,7 @@ class EngineWarp:
         launch(build.kernel, self.device, batch.group_count, self.thread_count, inputs)
         rollout = batch.read(state, samples, plan.steps_per_sample * dt, far_path is not None)
         if rollout.forces is not None:
-            half_mass = 0.5 * np.atleast_1d(np.asarray(cable.params.mass)) / self.segment_count
+            half_mass = 0.5 * np.atleast_1d(np.asarray(cables.params.mass)) / self.segment_count
             grips = (grip_path, rollout.forces.grip), (far_path, rollout.forces.far_grip)
             for path, force in grips:
                 if path is not None and force is not None:
@@ -277,18 +267,19 @@ class EngineWarp:
         return rollout
 
     def _rest_bend(
-        self, cable: Cable, grip_path: GripPath, plan: RolloutPlan, with_end: bool
+        self, cables: CableRows, grip_path: GripPath, plan: RolloutPlan, with_end: bool
     ) -> NDArray[np.float64]:
         """Return the bend at which nodes feel no moment [m], shape [world, node, 3]."""
         initial = plan.initial_state
-        curvature = np.atleast_1d(np.asarray(cable.params.rest_curvature, dtype=float))
-        worlds = max(len(grip_path), initial.world_count, len(curvature))
+        curvature = np.atleast_1d(np.asarray(cables.params.rest_curvature, dtype=float))
+        length = cables.length / self.segment_count
+        worlds = max(len(grip_path), initial.world_count, len(curvature), len(length))
         return rest_bends(
             np.broadcast_to(initial.positions, (worlds, *initial.positions.shape[1:])),
             np.broadcast_to(initial.roll, (worlds, initial.roll.shape[1])),
             grip_path,
             np.broadcast_to(curvature, worlds),
-            cable.length / self.segment_count,
+            np.broadcast_to(length, worlds),
             has_joint=with_end,
         )
 

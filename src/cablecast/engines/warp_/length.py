@@ -173,7 +173,6 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         last = model.node_count - 1
         dt = model.dt
         inverse_dt = real(1.0) / dt
-        inverse_squared_length = real(1.0) / (model.segment_length * model.segment_length)
         squared_lengths = model.squared_length[group]
         position = state.position[group]
         velocity = state.velocity[group]
@@ -217,7 +216,7 @@ def length_functions(precision: str, lane_count: int) -> SimpleNamespace:
         edge = end_after - (x + v * dt)
         error = absolute(dot(edge, edge) - squared_lengths[0])
         largest = f.larger(largest, mul(error, weight))
-        return largest * inverse_squared_length
+        return mul(largest, model.inverse_square[group])
 
     @wp.func
     def lay_out_segments(model: Model, state: State, scratch: Scratch, group: int, failed: lane):

@@ -100,7 +100,7 @@ def rest_bends(
     roll: NDArray[np.float64],
     grip_path: GripPath,
     rest_curvature: NDArray[np.float64],
-    segment_length: float,
+    segment_length: NDArray[np.float64],
     has_joint: bool = False,
 ) -> NDArray[np.float64]:
     """Return the bend of each node at which it feels no moment [m], shape [world, node, 3].
@@ -111,7 +111,7 @@ def rest_bends(
             shape [world, segment].
         grip_path: Path whose start gives the direction of the grip, one row or one per world.
         rest_curvature: Curvature, positive to the left of the gripper [1/m], shape [world].
-        segment_length: Length of a segment [m].
+        segment_length: Length of a segment [m], shape [world].
         has_joint: Whether the node before the last clamps an attachment.
     """
     edges = np.diff(positions, axis=1)
@@ -194,8 +194,8 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         rate = before.edge_rate + after.edge_rate
         middle = before.edge + after.edge - scale(half, rate)
         spin = (before.previous_spin + after.previous_spin) * real(0.5)
-        squared_length = model.segment_length * model.segment_length
-        inverse_square = f.div(one, dot(middle, middle) + lane(squared_length * real(folded)))
+        squared_length = mul(model.segment_length[group], model.segment_length[group])
+        inverse_square = f.div(one, dot(middle, middle) + squared_length * real(folded))
         along = scale(f.root(inverse_square), middle)
         half_turn = scale(mul(half, inverse_square), cross(middle, rate)) + scale(
             mul(half, spin), along
@@ -204,7 +204,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         rest = state.rest_bend[group][node]
         rest = rest + turn(rest, half_turn, damp)
         elastic = bend - rest
-        size = f.root(dot(elastic, elastic) + lane(squared_length * real(tiny)))
+        size = f.root(dot(elastic, elastic) + squared_length * real(tiny))
         excess = f.larger(size - model.yield_bend[group] * (real(1.0) / cells), lane())
         yielded = mul(model.yield_share[group], previous_dt) * (real(1.0) / model.dt)
         state.rest_bend[group, node] = rest + scale(mul(yielded, f.div(excess, size)), elastic)
@@ -292,9 +292,9 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         one = lane(real(1.0))
         bend = after.edge - before.edge
         middle = before.edge + after.edge
-        squared_length = model.segment_length * model.segment_length
+        squared_length = mul(model.segment_length[group], model.segment_length[group])
         along = scale(
-            f.root(f.div(one, dot(middle, middle) + lane(squared_length * real(folded)))), middle
+            f.root(f.div(one, dot(middle, middle) + squared_length * real(folded))), middle
         )
         stiffness = model.bending[group] * cells
         remembered = scale(stiffness, state.rest_bend[group][node]) - moment
@@ -385,7 +385,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         """Return the energy of a world in what its material remembers [J]."""
         last = model.node_count - 1
         position = state.position[group]
-        edge = path.next_direction[group] * model.segment_length
+        edge = scale(model.segment_length[group], path.next_direction[group])
         energy = lane()
         node = int(0)
         while node < last - 1:
@@ -399,7 +399,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         energy += node_energy(model, state, group, last - 1, bend) * model.joint_cells
         edge = edge_after
         if model.far_is_held == 1:
-            bend = far_path.next_direction[group] * model.segment_length - edge
+            bend = scale(model.segment_length[group], far_path.next_direction[group]) - edge
             energy += node_energy(model, state, group, last, bend) * real(2.0)
         return mul(model.bending[group], energy)
 

@@ -112,7 +112,7 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
         last = model.node_count - 1
         position = state.position[group]
         velocity = state.velocity[group]
-        lifted = f.larger(position[model.endpoint][2] - lane(model.radius * real(1.5)), lane())
+        lifted = f.larger(position[model.endpoint][2] - model.radius[group] * real(1.5), lane())
         fastest = lifted * real(airborne_weight)
         node = int(0)
         while node < last + 1:
@@ -156,7 +156,8 @@ def air_functions(precision: str, lane_count: int, drags: bool) -> SimpleNamespa
         """
         last = model.node_count - 1
         one = lane(real(1.0))
-        least = lane(model.segment_length * model.segment_length * real(folded))
+        length = model.segment_length[group]
+        least = mul(length, length) * real(folded)
         drag_dt = model.drag[group] * force_dt
         position = state.position[group]
         velocity = state.velocity[group]

@@ -64,6 +64,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
             scratch: Predicted velocities; receives the normal impulses.
         """
         inverse_dt = real(1.0) / model.dt
+        radius = model.radius[group]
         position = state.position[group]
         predicted = scratch.velocity[group]
         mass_ratios = model.mass_ratio[group]
@@ -73,7 +74,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         before = lane()
         node = int(1)
         while node < model.node_count:
-            gap = position[node][2] - lane(model.radius)
+            gap = position[node][2] - radius
             closing = f.larger(gap, lane()) * (-inverse_dt)
             recovering = f.smaller(gap, lane()) * (real(recovery) * inverse_dt)
             normal_impulse = f.larger(closing - recovering - predicted[node][2], lane())
@@ -142,7 +143,7 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
         """
         last = model.node_count - 1
         one = lane(real(1.0))
-        inverse_length = real(1.0) / model.segment_length
+        inverse_length = model.inverse_length[group]
         segment_mass = model.segment_mass[group]
         friction = model.spinning_friction[group]
         position = state.position[group]
@@ -162,7 +163,7 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
             segment = node - 1
             x_before = position[segment]
             v_before = velocity[segment]
-            axis = scale(ratio, x - x_before) * inverse_length
+            axis = scale(inverse_length, scale(ratio, x - x_before))
             limit = mul(mul(friction, ratio), loads[segment] * real(0.5))
             momentum = mul(segment_mass, contact.lateral(v - v_before, axis))
             couple = contact.clamp(couples[segment] + momentum * real(stiffness), limit)
@@ -298,7 +299,7 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
             free_spin = spins[segment] - repeated
             spin = rolling_friction(free_spin + mul(response, loss), limit)
             twist.take_spin(model, state, group, segment, mul(active, spin))
-            change = (spin - free_spin - repeated) * model.radius
+            change = mul(spin - free_spin - repeated, model.radius[group])
             axial_impulses[segment] = axial_impulses[segment] + change
             loss_before = loss_after
             segment += 1
@@ -341,7 +342,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         one = lane(real(1.0))
         friction = mul(model.friction[group], model.last_friction[group])
         friction_before = mul(model.friction[group], model.joint_friction[group])
-        half_inverse_length = real(0.5) / model.segment_length
+        half_inverse_length = model.inverse_length[group] * real(0.5)
         position = state.position[group]
         velocity = state.velocity[group]
         tension = state.tension[group]
@@ -366,7 +367,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
             tensed = scale(inverse_mass[node], pull_after - pull_before) * inverse_dt
             # As if the segment after the node had the length of the others.
             stretched_edge = scale(ratio, x - x_before)
-            axis = (x_after - x + stretched_edge) * (half_inverse_length * share)
+            axis = scale(half_inverse_length * share, x_after - x + stretched_edge)
             normal_impulse = normal_impulses[node]
             free = predicted[node]
             loss = friction_loss(
@@ -425,19 +426,19 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         """
         one = lane(real(1.0))
         small = lane(real(tiny))
-        radius = model.radius
-        start_slip = contact.add_lateral(start, roll.start * (-radius), axis)
-        end_slip = contact.add_lateral(end, roll.end * (-radius), axis)
+        radius = model.radius[group]
+        start_slip = contact.add_lateral(start, mul(roll.start, -radius), axis)
+        end_slip = contact.add_lateral(end, mul(roll.end, -radius), axis)
         # Stick: of the slip that the previous loss leaves, `to_roll` goes into spin.
         slip = contact.lateral(end_slip, axis) - previous_loss
         slip_size = f.absolute(slip)
         slip_sign = contact.clamp(slip * real(sign_scale), one)
-        held = (roll.limit - mul(roll.used, slip_sign)) * radius
+        held = mul(roll.limit - mul(roll.used, slip_sign), radius)
         to_roll = f.larger(slip_size - mul(model.lateral_mass[group], slip_size + held), lane())
         stick = contact.add_lateral(end_slip, contact.clamp(-slip, to_roll), axis)
         stick_size = horizontal_size(shrunk(model, group, stick, axis))
         # Slip: the direction is that of the sum of both slips, twice their mean.
-        sum_slip = contact.add_lateral(start_slip + end_slip, roll.repeated * (-radius), axis)
+        sum_slip = contact.add_lateral(start_slip + end_slip, mul(roll.repeated, -radius), axis)
         sum_slip = stretched(model, group, sum_slip, axis)
         slips = f.smaller(f.larger(div(stick_size, limit + small) - lane(real(2.0)), lane()), one)
         stick_share = mul(one - slips, f.smaller(div(limit, stick_size), one))

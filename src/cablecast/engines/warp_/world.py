@@ -34,9 +34,12 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
                 where it clamps an attachment, else 1.
             far_is_held: 1 where a second gripper holds the far end, else 0.
             dt: Step [s].
-            segment_length: Length of a segment [m].
-            radius: Radius of the cable, and height of a node that lies on the table [m].
             gravity: Acceleration of free fall [m/s²].
+            segment_length: Length of a segment [m], shape [group].
+            inverse_length: 1 over it [1/m], shape [group].
+            inverse_square: 1 over its square [1/m²], shape [group].
+            radius: Radius of the cable, and height of a node that lies on the table [m],
+                shape [group].
             last_ratio: Length of a segment over that of the last one, which is an attachment's or
                 1 [-], shape [group].
             squared_length: Square of each segment's length [m²], shape [group, segment].
@@ -97,9 +100,11 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         joint_cells: real
         far_is_held: int
         dt: real
-        segment_length: real
-        radius: real
         gravity: real
+        segment_length: wp.array(dtype=lane)
+        inverse_length: wp.array(dtype=lane)
+        inverse_square: wp.array(dtype=lane)
+        radius: wp.array(dtype=lane)
         last_ratio: wp.array(dtype=lane)
         squared_length: wp.array2d(dtype=lane)
         inverse_mass: wp.array2d(dtype=lane)
