@@ -232,6 +232,9 @@ def _within_reach(
     beyond = [(target, found.words_at(target)) for target in targets[is_beyond]]
     for xy, why in beyond:
         print(_beyond_line(xy, why), flush=True)
+    for xy in targets[np.logical_not(is_beyond)]:
+        if not found.is_calm(xy):
+            print(f"{polar_text(xy)}: reached by {found.wild_words_at(xy)}", flush=True)
     if all(is_beyond):
         with console_progress() as progress:
             changes = check(setup, progress=progress).changes

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cablecast.conventions import Array, mirror_xy, stream, xy_to_polar
+from cablecast.conventions import Array, mirror_xy, polar_to_xy, stream, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import SEED_MAX, InputError, check_argument_types, check_seed
@@ -21,10 +21,13 @@ from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import (
     Feasibility,
     check_actions,
+    check_grip_paths,
     feasible_uniform,
     uniform_actions,
     widest_ranges,
 )
+from cablecast.motion.grip_path import GripPath
+from cablecast.motion.polar import PullReach
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
@@ -44,6 +47,11 @@ believed ones [-]."""
 
 # Casts of each believed cable, and of each change that is tried.
 _CAST_COUNT, _DRAWS = 400, 4
+# Slow casts of the most likely cable, and their paces: equal ones scatter by less than 1 % of its
+# length in the virtual rig.
+_CALM_COUNT, _CALM_PACES = 150, (0.2, 0.6)
+# Steps between the places to which polar casts are planned [m, rad].
+_POLAR_STEP = (0.1, np.radians(5.0))
 # Densities of cables that are not asked about [kg/l]: from foam to lead.
 _DENSITIES = 0.05, 12.0
 _SEGMENT_COUNT, _DT, _SAMPLE_DT = 20, 2e-3, 0.05
@@ -91,6 +99,8 @@ class LabCheck:
         landing_xy: Landings of simulated casts of each believed cable, to both sides [m], shape
             [cable, cast, 2]. The first cable is the most likely one; NaN where the free end passes
             an edge of the table, or the simulation broke off.
+        calm_xy: Landings of its slow casts, and of polar casts: equal ones end near each other [m],
+            shape [cast, 2].
         leaving_xy: Landings of the casts of the most likely cable that pass an edge [m], shape
             [cast, 2].
         followed: Share of the drawn motions that the arm can follow in front of the table [-].
@@ -101,6 +111,7 @@ class LabCheck:
     setup: Setup
     landing_xy: Array
     leaving_xy: Array
+    calm_xy: Array = dataclasses.field(default_factory=lambda: np.empty((0, 2)))
     followed: float = 1.0
     broken: str = ""
     changes: tuple[Change, ...] = ()
@@ -129,15 +140,21 @@ class LabCheck:
         count = len(self.landing_xy)
         reached = round(float(self.chance(xy)) * count)
         if reached:
-            return f"simulated casts land there with {reached} of {count} believed cables"
-        landed = self.landing_xy.reshape(-1, 2)
-        gaps = np.linalg.norm(landed - np.asarray(xy, dtype=float), axis=1)
-        nearest = np.nanargmin(gaps)
-        r, theta = xy_to_polar(landed[nearest])
-        gap = gaps[nearest]
+            lands = f"simulated casts land there with {reached} of {count} believed cables"
+            return lands if self.is_calm(xy) else f"{lands}, but {self.wild_words_at(xy)}"
+        where = _nearest_words(xy, self.landing_xy.reshape(-1, 2))
+        return f"no simulated cast of what this cable may be lands there: the nearest is {where}"
+
+    def is_calm(self, xy: ArrayLike) -> bool:
+        """Return whether a slow cast or a polar one lands at a place [m], shape [2]."""
+        return bool(_distance(xy, self.calm_xy) <= NEAR)
+
+    def wild_words_at(self, xy: ArrayLike) -> str:
+        """Return what to expect at a place [m], shape [2], that no calm cast reaches."""
+        near = _nearest_words(xy, self.calm_xy) if len(self.calm_xy) else "nowhere"
         return (
-            "no simulated cast of what this cable may be lands there: the nearest is r = "
-            f"{r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * gap:.0f} cm away"
+            "only fast ones, and equal ones may land apart by more than the tolerance: expect "
+            f"several tries. The nearest landing of a calm cast is {near}"
         )
 
     @property
@@ -275,19 +292,56 @@ def _believed(setup: Setup, seed: int) -> LabCheck:
         member.with_params(member.params.without_material())
         for member in Tuned.believed(setup, seed).members
     )
+    return _simulated(setup, members, seed)
+
+
+def _simulated(setup: Setup, members: tuple[Dynamics, ...], seed: int) -> LabCheck:
+    """Return where casts of some cables land, the most likely one first."""
     actions, drawn = _draw(setup, _CAST_COUNT, seed)
-    tracks = _tracks(setup, members, actions)
-    landed, left = zip(*(_landings(setup, xy) for xy in tracks), strict=True)
+    landed, left = zip(
+        *(_landings(setup, xy) for xy in _tracks(setup, members, actions)), strict=True
+    )
+    slow, _ = _draw(setup, _CALM_COUNT, seed, _CALM_PACES)
+    calm, _ = _landings(setup, _tracks(setup, members[:1], slow)[0])
+    calm = np.concatenate([calm[np.isfinite(calm).all(axis=1)], _polar_landings(setup)])
     return LabCheck(
         setup=setup,
-        landing_xy=np.array(landed),
+        landing_xy=np.array([np.concatenate([one, calm]) for one in landed]),
+        calm_xy=calm,
         leaving_xy=left[0],
         followed=float(drawn.mask.mean()),
         broken=next(iter(drawn.counts()), ""),
     )
 
 
-def _draw(setup: Setup, count: int, seed: int) -> tuple[Array, Feasibility]:
+def _polar_landings(setup: Setup) -> Array:
+    """Return where polar casts end that the arm can follow, of a straight cable [m], [cast, 2]."""
+    try:
+        reach = PullReach.of(setup)
+    except InputError:
+        return np.empty((0, 2))
+    step, turn = _POLAR_STEP
+    table = setup.workspace
+    ends = []
+    for theta in np.arange(0.0, 0.5 * np.pi, turn):
+        r = np.arange(step, reach.back.radius + step, step)
+        places = polar_to_xy(np.stack([r, np.full_like(r, theta)], axis=-1))
+        found = [
+            (xy, cast)
+            for xy in places[table.on_table(places)]
+            if (cast := reach.cast_to(xy)) is not None
+        ]
+        # An arm that follows the nearest and the farthest follows those between them.
+        outer = [cast.grip_path(setup) for _, cast in (found[:1] + found[-1:])]
+        if outer and check_grip_paths(GripPath.stack(outer), setup, both_sides=True).mask.all():
+            ends += [xy for xy, _ in found]
+    right = np.reshape(ends, (-1, 2))
+    return np.concatenate([right, mirror_xy(right)])
+
+
+def _draw(
+    setup: Setup, count: int, seed: int, pace: tuple[float, float] = (1.0, 1.0)
+) -> tuple[Array, Feasibility]:
     """Return at most `count` actions that the arm can follow, and the check of all that were drawn.
 
     Where it can follow few of them, drawing until there are enough would take minutes.
@@ -295,7 +349,7 @@ def _draw(setup: Setup, count: int, seed: int) -> tuple[Array, Feasibility]:
     Raises:
         InputError: It can follow none; the error names the limit.
     """
-    drawn = uniform_actions(widest_ranges(setup), _DRAWS * count, stream(seed, "check"))
+    drawn = uniform_actions(widest_ranges(setup, pace), _DRAWS * count, stream(seed, "check"))
     found = check_actions(drawn, setup)
     actions = drawn[found.mask][:count]
     return (actions if len(actions) else feasible_uniform(1, setup, seed=seed)), found
@@ -325,6 +379,14 @@ def _landings(setup: Setup, xy: Array) -> tuple[Array, Array]:
     both = np.stack([stays, mirror_xy(stays)], axis=1).reshape(-1, 2)
     left = end[passes & np.isfinite(end).all(axis=1)]
     return both, np.concatenate([left, mirror_xy(left)])
+
+
+def _nearest_words(xy: ArrayLike, landed: Array) -> str:
+    """Return the nearest of some landings [m], shape [cast, 2], in words."""
+    gaps = np.linalg.norm(landed - np.asarray(xy, dtype=float), axis=1)
+    nearest = np.nanargmin(gaps)
+    r, theta = xy_to_polar(landed[nearest])
+    return f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * gaps[nearest]:.0f} cm away"
 
 
 def _distance(xy: ArrayLike, landed: Array) -> Array:
@@ -371,9 +433,7 @@ def _try_changes(
 
 def _share(setup: Setup, seed: int) -> float:
     """Return the share of the table that some casts of the believed cable reach [-]."""
-    actions, _ = _draw(setup, _CAST_COUNT, seed)
-    landed, left = _landings(setup, _tracks(setup, (Dynamics.of(None, setup),), actions)[0])
-    return float(LabCheck(setup=setup, landing_xy=landed[None], leaving_xy=left).shares[0])
+    return float(_simulated(setup, (Dynamics.of(None, setup),), seed).shares[0])
 
 
 def _possible(setup: Setup) -> Iterator[tuple[str, str, dict[str, float]]]:
