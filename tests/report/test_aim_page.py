@@ -9,7 +9,7 @@ from cablecast.aiming.config import AimConfig
 from cablecast.aiming.session import Stop, StopReason
 from cablecast.cast import Cast, EndpointTrack, Proposal, TrialStatus
 from cablecast.evaluation.evaluate import Evaluation
-from cablecast.motion.action import Action
+from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.report.aim_page import Tried, aim_page
 from cablecast.report.style import png_bytes
@@ -172,7 +172,7 @@ def test_the_tracking_error_is_measured_minus_commanded(tried):
 
 def test_a_rig_without_joints_has_no_curves_of_joints():
     track = EndpointTrack(times=np.zeros(1), endpoint_xy=np.zeros((1, 2)), status=TrialStatus.OK)
-    cast = Cast(action=np.zeros(5), duration=1.0, joint_path=None, track=track, purpose="aim")
+    cast = Cast(action=None, duration=1.0, joint_path=None, track=track, purpose="aim")
     assert joint_curves([cast], SETUP) is None
     assert tracking_error(cast)[1].size == 0
 
