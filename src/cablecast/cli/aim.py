@@ -297,7 +297,8 @@ def print_cast(cast: "Cast", session: "AimSession") -> None:
         centimetres = cast.miss_pct * session.setup.cable.length
         print(f"          {verdict}: {centimetres:.1f} cm off, {cast.miss_pct:.1f} % of the cable")
     else:
-        print(f"  saw     {cast.status.code}: {cast.status.value}")
+        # The advice behind the colon is for those who choose motions.
+        print(f"  saw     {cast.status.value.partition(':')[0].rstrip('.').lower()}")
     print(f"  then    {change_text(cast, session)}")
 
 

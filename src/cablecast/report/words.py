@@ -115,7 +115,13 @@ def refit_text(due: RefitDue) -> str:
 def stop_text(stop: Stop) -> str:
     """Return why a proposed cast is not worth making."""
     goal = stop.proposal.goal
+    miss = 100.0 * float(goal.miss(stop.nearest)) * goal.setup.cable.length
     why = outlook_text(stop.proposal)
+    if stop.reason is StopReason.STUCK and stop.is_simulated:
+        return (
+            f"none of the last {STUCK_COUNT} casts has a landing, though a simulated one lands "
+            f"{miss:.0f} cm off the target"
+        )
     if stop.reason is StopReason.STUCK:
         why = f"none of the last {STUCK_COUNT} casts came nearer"
     elif stop.reason is StopReason.IN_VAIN:
@@ -125,7 +131,6 @@ def stop_text(stop: Stop) -> str:
             "cable, or choose another target"
         )
     r, theta = xy_to_polar(stop.nearest)
-    miss = 100.0 * float(goal.miss(stop.nearest)) * goal.setup.cable.length
     return (
         f"{why}; the nearest landing of a {'simulated ' * stop.is_simulated}cast is "
         f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {miss:.0f} cm off the target"
