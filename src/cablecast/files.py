@@ -214,24 +214,28 @@ def cells_of(text: str) -> list[list[str]]:
 
 
 def read_numbers(
-    path: str | pathlib.Path, columns: tuple[str, ...], least: int
+    path: str | pathlib.Path, columns: tuple[str, ...], least: int, optional: tuple[str, ...] = ()
 ) -> list[list[float]]:
     """Return the rows of a CSV file, at least so many, of finite numbers in some columns.
+
+    Optional columns follow if the file has them.
 
     Raises:
         InputError: There is no such file, or something is missing or no number.
     """
-    values = []
-    for number, row in enumerate(read_csv(path, columns), start=1):
+    values, rows = [], read_csv(path, columns)
+    columns += tuple(name for name in optional if any(name in row for row in rows))
+    for number, row in enumerate(rows, start=1):
         values.append([])
         for name in columns:
+            cell = row.get(name) or ""
             try:
-                values[-1].append(float(row[name]))
+                values[-1].append(float(cell))
             except ValueError:
                 values[-1].append(math.nan)
             if not math.isfinite(values[-1][-1]):
                 raise InputError(
-                    f"{path}: {name} = {row[name][:40]!r} in row {number} is no finite number"
+                    f"{path}: {name} = {cell[:40]!r} in row {number} is no finite number"
                 )
     if len(values) < least:
         raise InputError(

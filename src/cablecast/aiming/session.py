@@ -1,6 +1,5 @@
 """AimSession: targets, casts at them, and what follows from each landing, step by step."""
 
-import contextlib
 import copy
 import dataclasses
 import enum
@@ -8,6 +7,7 @@ import functools
 import itertools
 import math
 import os
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -444,9 +444,15 @@ class AimSession:
             track, _ = attempt_trial(rig, motion, index=number, purpose="aim")
         except TrialFailedError as error:
             raise RigError(f"cast {number} {error}. Earlier casts are kept") from error
-        # A cast that was made is not lost because the camera fails afterwards.
-        with contextlib.suppress(RigError):
+        try:
             self.look(rig)
+        except RigError as error:
+            # A cast that was made is not lost because the camera fails afterwards.
+            warnings.warn(
+                f"the camera does not say what it sees after cast {number}, and the next cast "
+                f"relies on its sight before: {error}",
+                stacklevel=2,
+            )
         return track
 
     def look(self, rig: CheckedRig) -> None:

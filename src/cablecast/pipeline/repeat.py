@@ -28,7 +28,7 @@ from cablecast.evaluation.repeatability import (
     repeat_actions,
     save_actions,
 )
-from cablecast.files import read_csv, read_numbers, write_bytes
+from cablecast.files import read_numbers, write_bytes
 from cablecast.motion.action import check_action_values
 from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
@@ -55,7 +55,6 @@ COMBINATIONS: dict[Combination, tuple[float, bool]] = {
 names 1.2 and 1.5 m/s without psi, its section VI-B gives numbers of 1.2 and 1.8 m/s."""
 
 _ACTION_COLUMNS = ("theta1_deg", "theta2_deg", "r2_m", "psi_deg")
-_PACE_COLUMN = "pace"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -208,9 +207,6 @@ def _drawn(
 
 def read_actions(path: str | os.PathLike[str]) -> Array:
     """Return the actions of a CSV file, with a pace of 1 where it has none, shape [action, 5]."""
-    path, columns = os.fspath(path), _ACTION_COLUMNS
-    if any(_PACE_COLUMN in row for row in read_csv(path, columns)):
-        columns += (_PACE_COLUMN,)
-    actions = np.array(read_numbers(path, columns, 1))
+    actions = np.array(read_numbers(os.fspath(path), _ACTION_COLUMNS, 1, optional=("pace",)))
     actions[:, [0, 1, 3]] = np.radians(actions[:, [0, 1, 3]])
     return check_action_values(actions)
