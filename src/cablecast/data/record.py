@@ -350,7 +350,7 @@ def sample_actions(
 ) -> Array:
     """Sample feasible actions in the order in which a rig should make them, shape [count, 5].
 
-    They are uniform over the ranges, those that suit the set-up where None, or on a grid of them.
+    They are uniform over the ranges, those that suit the set-up if None, or on a grid of them.
     """
     check_choice("sampling", sampling, typing.get_args(Sampling))
     if sampling == "uniform":

@@ -225,7 +225,7 @@ def read_shard(
 ) -> tuple[Any, str]:
     """Return the table of one shard, checked, and the digest of its bytes.
 
-    It must hold the rows, and come from the settings; its digest is not checked where None.
+    It must hold the rows, and come from the settings; its digest is not checked if None.
 
     Raises:
         DatasetError: It is missing, damaged, of another dataset, or holds other rows.

@@ -65,7 +65,7 @@ def simulate_dataset(
     """Simulate a dataset, or resume an earlier run of the same settings.
 
     Its actions are `count` feasible ones, chosen by the seed from ranges that suit the set-up where
-    None. The dynamics may be parameters of the cable alone; they are the cable's own where None.
+    None. The dynamics may be parameters of the cable alone; they are the cable's own if None.
     Shards take the engine's device a few seconds each, unless their rows are given. They may be
     simulated on a cluster (see `check_workers`): rows are equal to the bit on processors of one
     kind. Outcomes in another task than a landing are kept beside the landings.

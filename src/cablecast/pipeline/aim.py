@@ -86,13 +86,13 @@ _OWN = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatorConfig:
-    """Settings of the simulators of a session; those of the verbs where None.
+    """Settings of the simulators of a session; those of the verbs if None.
 
     Attributes:
         fit: Settings of the fit.
         segment_count: Segments of the simulated cable.
         dt: Time step [s].
-        spread_count: Casts that tell how far apart the simulators of an ensemble usually land.
+        spread_count: Casts that tell how far apart the simulators of an ensemble typically land.
     """
 
     fit: FitConfig | None = None
@@ -196,12 +196,12 @@ def prepare_aim(
     Args:
         rig: Rig that `make_rig` returned; gives the set-up.
         config: Settings.
-        casts: Casts on the rig that were made before; some are made where None.
+        casts: Casts on the rig that were made before; some are made if None.
         tuned: Result of `tune`, in place of a fit to the casts; without casts none are made then.
         fit_all: Fit the simulator anew now to all casts that the session in `out` has, and learn
             anew from it. Later calls for the same folder go on with the newest such fit.
         simulators: Settings of the simulators.
-        out: Folder that keeps everything and lets stopped work go on; none where None.
+        out: Folder that keeps everything and lets stopped work go on; none if None.
         progress: Told how far each step is.
 
     Raises:

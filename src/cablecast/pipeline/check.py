@@ -251,7 +251,7 @@ def check(
         setup: Cable, workspace, arm and motion settings.
         target_xy: Targets that the picture marks [m], shape [target, 2].
         changes: Whether to try changes of the laboratory.
-        out: Folder for a picture; none is drawn where None.
+        out: Folder for a picture; none is drawn if None.
         seed: Seed of casts and cables.
         progress: Receives the number of changes tried.
 
@@ -286,7 +286,7 @@ def check(
 @functools.lru_cache(maxsize=8)
 def _believed(setup: Setup, seed: int) -> LabCheck:
     """Simulate casts of what the cable may be."""
-    # Materials shift landings, but hardly what is reached, and need a kernel of their own, which
+    # Materials shift landings, but barely what is reached, and need a kernel of their own, which
     # compiles for half a minute.
     members = tuple(
         member.with_params(member.params.without_material())

@@ -59,14 +59,14 @@ def collect(
         rig: Rig that `make_rig` returned; gives the set-up.
         purpose: Purpose of the casts: "tune" (D_tune) or "real" (D_real). Each draws chances of
             its own on a rig that draws any.
-        count: Number of casts; the paper's 80 or 200 where None.
+        count: Number of casts; the paper's 80 or 200 if None.
         sampling: Choice of actions: "uniform" over their ranges, on a "grid", or "spread", so that
-            the simulated landings are spread over the table; as in the paper where None.
+            the simulated landings are spread over the table; as in the paper if None.
         psi: Whether the wrist turns (the action set A2 of the paper).
         pace: Range of the pace [-]; the paper's alone by default.
         seed: Seed of the actions.
-        dynamics: Fit whose landings are spread over the table; the believed cable where None.
-        out: Folder that keeps the casts and lets a stopped run go on; none where None.
+        dynamics: Fit whose landings are spread over the table; the believed cable if None.
+        out: Folder that keeps the casts and lets a stopped run go on; none if None.
         progress: Receives the number of casts done.
 
     Raises:

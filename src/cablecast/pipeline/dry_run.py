@@ -39,7 +39,7 @@ def dry_run(
 ) -> list[Finding]:
     """Check what a collection on the arm of a lab file would do, with the options of `collect`.
 
-    `driver` names the driver that the robot must be of; any where None.
+    `driver` names the driver that the robot must be of; any if None.
 
     The paths are checked first. Only if all of them pass, the controller is asked whether it is
     ready and where the arm stands, and the camera whether it sees; nothing moves.

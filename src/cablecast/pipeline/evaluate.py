@@ -54,12 +54,12 @@ def evaluate(
     Args:
         policy: Policy that `train` returned, or any other.
         rig: Rig that `make_rig` returned, with the set-up of the policy.
-        targets: Targets [m], shape [target, 2]; the paper's 32 where None.
+        targets: Targets [m], shape [target, 2]; the paper's 32 if None.
         repeats: Casts at each target; the paper makes 5.
         method: How a policy of a model plans: "refined", or "paper" for equation 1 alone.
         device: Device of the simulator that splits the errors, "cpu" or "cuda".
         out: Folder that keeps the casts, metrics.json, trials.csv, a map of the landings and a
-            report, and lets a stopped evaluation go on; none where None.
+            report, and lets a stopped evaluation go on; none if None.
         progress: Receives the number of casts done.
 
     Returns:

@@ -87,11 +87,11 @@ def repeat(
         combinations: Speeds of the gripper [m/s], with psi where the wrist turns, too.
         repeats: Casts of each action.
         action_count: Number of actions of each of the paper's grids, chosen by chance; all that the
-            arm can make where None.
+            arm can make if None.
         actions: Actions to repeat instead, shape [action, 5].
         seed: Seed of the choice of actions.
         out: Folder that keeps the casts, a table of the actions and a picture, and lets a stopped
-            run go on; none where None.
+            run go on; none if None.
         progress: Receives the number of casts done.
 
     Raises:

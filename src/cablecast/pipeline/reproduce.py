@@ -73,7 +73,7 @@ class Budget:
         grid_psi: The same where the wrist turns.
         generations: Largest number of generations of the search for parameters.
         repeat_actions: Actions that are repeated for each candidate of system parameters; all of
-            the paper's grids that the arm can make where None.
+            the paper's grids that the arm can make if None.
         repeat_casts: Casts of each (section V-E).
         casts: Simulated casts (section V-F).
         epochs: Largest number of passes of the training over them.
@@ -174,7 +174,7 @@ def reproduce(
 
     Args:
         out: Folder of all results.
-        setup: Workspace, arm and motion settings; the paper's where None. The cables are those of
+        setup: Workspace, arm and motion settings; the paper's if None. The cables are those of
             the budget.
         budget: Amount of everything.
         rig: Rig that carries out the casts, as `make_rig` takes it.

@@ -68,9 +68,9 @@ def select(
 
     Args:
         setup: Cable, workspace and arm.
-        tuned: Result of `tune`, or parameters of the cable; the cable's own where None.
+        tuned: Result of `tune`, or parameters of the cable; the cable's own if None.
         repeated: Result of `repeat`, or its metrics, to weigh against coverage; coverage alone
-            decides where None.
+            decides if None.
         scatter_max_pct: Largest acceptable scatter of repeated casts, the standard deviation of the
             distance to their mean landing [% of cable length].
         grid: Values of each action variable without a turn of the wrist; the paper has 15.

@@ -43,17 +43,17 @@ def simulate(
     Args:
         setup: Cable, workspace, arm and motion settings.
         tuned: Parameters of the cable and servo of the arm that `tune` found, or parameters alone.
-            The cable's own parameters and an arm without lag where None.
+            The cable's own parameters and an arm without lag if None.
         count: Number of casts.
         psi: Whether the wrist turns (the action set A2 of the paper).
         pace: Range of the pace [-]; the paper's alone by default.
         seed: Seed of the actions. The same seed gives the same dataset.
         engine: Simulator, see `make_engine`.
-        segment_count: Segments of the simulated cable; the engine's default where None.
-        dt: Time step [s]; the engine's default where None.
+        segment_count: Segments of the simulated cable; the engine's default if None.
+        dt: Time step [s]; the engine's default if None.
         device: "cpu" or "cuda".
         workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
-        out: Folder that keeps the dataset and lets a stopped run go on; none where None.
+        out: Folder that keeps the dataset and lets a stopped run go on; none if None.
         progress: Receives the number of casts done.
 
     Raises:

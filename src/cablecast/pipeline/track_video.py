@@ -60,7 +60,7 @@ _CALIBRATION_FRAMES = 12
 _TAGS_STRIDE, _TAGS_LOOKS = 60, 9
 """Frames from one look for the tags to the next, and looks in a film of few frames."""
 _CAMERA = CameraSettings(source="film")
-"""Camera where there is no lab file with one: its angle of view and marker are the usual ones."""
+"""Camera where there is no lab file with one: its angle of view and marker are the defaults."""
 
 _PLAIN = ("view_deg", "begin", "start", "end", "rate", "marker", "marker_hue", "marker_z")
 """Settings of a run that are no files."""
@@ -85,26 +85,26 @@ class TrackConfig:
 
     Attributes:
         calibration: A calibration.json of the same camera at the same place; computed from the tags
-            in the video where None.
-        tags: YAML file of the tags' places on the table; those of the lab file where None.
-        board: Folder of pictures of the default calibration board, for the lens; where None, the
+            in the video if None.
+        tags: YAML file of the tags' places on the table; those of the lab file if None.
+        board: Folder of pictures of the default calibration board, for the lens; if None, the
             lens of the lab file's camera if the video has its size, or else found from the tags.
         view_deg: Angle of view of the camera over the diagonal [deg], where nothing else gives the
-            lens; that of the lab file's camera where None.
+            lens; that of the lab file's camera if None.
         begin: Point near the endpoint when the video starts [m]; straight ahead at the end of the
-            cable where None.
+            cable if None.
         start: Time at which the motion begins, from the first frame on [s].
         log: CSV file of the joints of the arm in the film (time_s, q1 to q6), whose time 0 is then
             that of the track, and by which the film's rate is checked.
         rate: Frames per second with which the video was taken [1/s]; as many as it is stored with
-            where None, which must then be possible.
+            if None, which must then be possible.
         end: Time of the last frame that counts, from the start of the motion on [s]; that of the
-            last one where None.
+            last one if None.
         marker: Length and width of the marker along and across the cable [m]; those of the lab
-            file's camera where None.
+            file's camera if None.
         marker_hue: Hue of the marker: 0 is red, 120 green, 240 blue [deg]; that of the lab file's
-            camera where None.
-        marker_z: Height of the marker's middle above the table [m]; the cable's radius where None.
+            camera if None.
+        marker_z: Height of the marker's middle above the table [m]; the cable's radius if None.
     """
 
     calibration: pathlib.Path | None = None
@@ -166,7 +166,7 @@ def track_video(
         video: Any video that FFmpeg reads, from a camera that did not move.
         setup: Gives the table, and the cable: its length and how high the marker lies.
         config: Camera, tags, marker and time of the motion.
-        out: Folder that keeps the track, the calibration and a picture; none where None.
+        out: Folder that keeps the track, the calibration and a picture; none if None.
         progress: Called with the number of frames done.
 
     Raises:

@@ -67,13 +67,13 @@ def train(
         simulated: Simulated casts of one cable, D_sim.
         real: Casts of a rig, D_real.
         method: "network", or "gaussian-process", the paper's baseline on simulated casts alone.
-        start: Network of the same simulated casts to fine-tune; trained first where None.
+        start: Network of the same simulated casts to fine-tune; trained first if None.
         epochs: Largest number of passes over the simulated casts.
         hidden_width: Number of units of each of the four hidden layers; the paper's by default.
         candidate_count: Number of motions that the policy chooses from.
         seed: Seed of the held-out casts, the first weights and the candidates.
         device: "cpu" or "cuda".
-        out: Folder that keeps model and policy; none where None.
+        out: Folder that keeps model and policy; none if None.
         progress: Receives the epochs and fits done.
 
     Returns:

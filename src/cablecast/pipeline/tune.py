@@ -63,11 +63,11 @@ def tune(
             "auto" takes the reported one where there is one.
         engine: Simulator, see `make_engine`. Only "warp" fits material parameters beside the ten,
             and other physics for `aim`.
-        segment_count: Segments of the simulated cable; the engine's default where None.
-        dt: Time step [s]; the engine's default where None.
+        segment_count: Segments of the simulated cable; the engine's default if None.
+        dt: Time step [s]; the engine's default if None.
         device: "cpu" or "cuda".
         workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
-        out: Folder that keeps the results and lets a stopped search go on; none where None.
+        out: Folder that keeps the results and lets a stopped search go on; none if None.
         progress: Told after every generation how the search stands.
 
     Returns:

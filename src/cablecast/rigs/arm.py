@@ -60,8 +60,8 @@ class RigArm(RigLifecycle):
 
     Args:
         setup: Lab file with a robot section, and an arm that was measured.
-        camera: Camera over the table; that of the lab file where None.
-        driver: Name of the driver that the robot must be of; any where None.
+        camera: Camera over the table; that of the lab file if None.
+        driver: Name of the driver that the robot must be of; any if None.
 
     Raises:
         InputError: The set-up has no robot, or one that may not be driven; see `make_driver`.

@@ -137,7 +137,7 @@ def make_driver(setup: Setup, name: str | None = None) -> ArmDriver:
 
     Args:
         setup: Set-up with a robot section.
-        name: Driver that the section must be for; any where None.
+        name: Driver that the section must be for; any if None.
 
     Raises:
         InputError: There is no robot, it is of another driver, or its arm was not measured or is

@@ -29,7 +29,7 @@ class RigEngine(RigLifecycle):
         engine: Simulator of the cable.
         setup: Cable, workspace, arm and motion settings.
         dynamics: Cable and servo of the arm, or parameters of the cable alone; the cable's own and
-            an arm that follows its set points exactly where None.
+            an arm that follows its set points exactly if None.
         sample_dt: Time between samples of a track [s].
 
     Raises:

@@ -23,7 +23,7 @@ from cablecast.tuning.space import Gaussian, ParamPosterior
 from cablecast.tuning.tracks import MeasuredTracks, TrackObjective
 
 # Differences from the fitted material: air drags on a smooth cylinder with 1 to 1.2, ropes lose
-# energy within some hundredths of a second, the other two are as large as is hardly noticed by eye.
+# energy within some hundredths of a second, the other two are too small to be noticed by eye.
 # A curl is given by how far it turns the whole cable [rad].
 _DRAG, _DAMPING_TIME = 1.1, 0.02
 _GRAINS = (0.8, 1.25)

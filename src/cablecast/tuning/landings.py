@@ -56,7 +56,7 @@ class LandingEstimate:
         spreads: Standard deviation of the landings along each axis [cable lengths], shape [action].
         leaving: Share of the simulators in which the free end passes an edge of the table [-],
             shape [action].
-        factor: Size of misses over the usual one [-], 1 at most.
+        factor: Size of misses over the typical one [-], 1 at most.
     """
 
     landing_xy: NDArray[np.float64]
@@ -72,12 +72,12 @@ class LandingEstimate:
 
 
 def miss_sizes(spreads: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the usual size of misses along each axis, from spreads along each [cable lengths]."""
+    """Return the size of misses along each axis, from spreads along each [cable lengths]."""
     return np.hypot(OWN_MISS, SPREAD_FACTOR * spreads)
 
 
 def miss_factor(distance: float, track_count: int) -> float:
-    """Return the size of misses over the usual one [-] of a fit.
+    """Return the size of misses over the typical one [-] of a fit.
 
     `distance` is the mean distance from the fit to its tracks [cable lengths].
     """

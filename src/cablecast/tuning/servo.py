@@ -154,7 +154,7 @@ def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
 
     Where a joint is far from what these three can explain, and limits of its motor explain most of
     that, it has limits, too. The fit also estimates a constant encoder offset per joint, which it
-    does not return. A joint that hardly moved takes the median of the others, without limits.
+    does not return. A joint that barely moved takes the median of the others, without limits.
 
     Args:
         dataset: Trials with commanded and measured joints.
@@ -202,7 +202,7 @@ def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
 
 
 def _fit_joint(motions: _Motions, joint: int) -> NDArray[np.float64] | None:
-    """Fit delay [s], frequency [rad/s] and damping [-] of one joint; None where it hardly moves."""
+    """Fit delay [s], frequency [rad/s] and damping [-] of one joint; None where it barely moves."""
     from scipy.optimize import least_squares
 
     travel = np.ptp(motions.q[..., joint], axis=1)

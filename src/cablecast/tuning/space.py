@@ -3,7 +3,7 @@
 A fit searches a `SearchSpace`, the unit cube over the ranges of some parameters; the others keep
 their values. It starts from a prior and leaves a `ParamPosterior`, Gaussians over the cube. The ten
 parameters of the paper are believed to be what the cable's file states. Of the material parameters,
-which a file may leave out, a fit finds those that it leaves out, each about what is usual: casts
+which a file may leave out, a fit finds those that it leaves out, each about what is typical: casts
 that say nothing of a value leave it there.
 
 Of the ten, `angular_damping` stands for all bending losses: a rate at which segments stop turning.
@@ -364,7 +364,7 @@ class ParamPosterior:
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Names of the parameters that are hardly better known than before the casts."""
+        """Names of the parameters that are barely better known than before the casts."""
         left = self.deviation > UNDETERMINED_SHARE * self.prior.deviation
         return tuple(name for name, is_left in zip(self.space.names, left, strict=True) if is_left)
 

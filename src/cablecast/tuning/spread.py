@@ -3,7 +3,7 @@
 Random actions land mostly in the middle of what the arm reaches, and a fit to a few of them says
 little of casts that swing wide. So the believed cable is simulated, and the area in which it lands
 is divided into as many parts as there are casts (Lloyd's algorithm); near the middle of each the
-most usual action is taken, by turns to the right and to the left. Only actions are used whose
+most typical action is taken, by turns to the right and to the left. Only actions are used whose
 simulated free end stays on the table.
 """
 
@@ -55,7 +55,7 @@ def spread_actions(
     xy = played.rollout(engine, setup, paths, sample_dt=_SAMPLE_DT).endpoint_xy
     distance = setup.workspace.edge_distance(xy)
     # On a small table the free end may lie nearer to an edge after the reset: it may come as near.
-    # Where it hardly moves away from there, any cast counts that stays on the table.
+    # Where it barely moves away from there, any cast counts that stays on the table.
     for edge in (min(EDGE, 0.9 * float(distance[:, 0].min())), 0.0):
         safe = np.isfinite(xy).all(axis=(1, 2)) & (distance.min(axis=1) > edge)
         landing_xy = xy[safe, -1]

@@ -305,7 +305,7 @@ def fit_params(
     Args:
         setup: Set-up of the casts, with what is believed of its cable.
         training: Tracks to fit.
-        validation: Tracks to measure the result with; the training tracks where None.
+        validation: Tracks to measure the result with; the training tracks if None.
         coarse_engine: Simulator of the first steps.
         engine: Simulator of the last steps, at the resolution at which the result will be used.
         config: Settings of the fit.
@@ -321,7 +321,7 @@ def fit_params(
     fine = TrackObjective(engine, cable, training)
     coarse = TrackObjective(coarse_engine, cable, training)
     # A rod that has none of what a material adds, as a simulated one may, is followed worse with
-    # it: what is usual of a real cable is wrong for it, and parameters make up for that.
+    # it: what is typical of a real cable is wrong for it, and parameters make up for that.
     spaces = [SearchSpace.for_cable(cable, names) for names in (config.materials, ())]
     if spaces[0].names == spaces[1].names:
         del spaces[0]

@@ -47,7 +47,7 @@ PARAMS_FILE = "params.json"
 
 
 Resolution = tuple[int | None, float | None]
-"""Segments of a simulated cable and time step [s]; the engine's default where None."""
+"""Segments of a simulated cable and time step [s]; the engine's default if None."""
 
 # Between samples the free end moves by some centimetres where it turns at the back [s].
 _SAMPLE_DT = 0.05

@@ -2,7 +2,7 @@
 
 `/camera.nut` carries times: JPEG pictures in a NUT stream. OpenCV counts the times of a stream from
 its first picture, so that one is sent with time zero, and those that follow have the times of the
-camera's clock. `/camera.mjpg` is the stream of the usual network camera, without any times.
+camera's clock. `/camera.mjpg` is the stream of a common network camera, without any times.
 """
 
 import contextlib

@@ -44,7 +44,7 @@ _TRAVEL_MIN = 0.15
 _KEPT_STRIDE = 3
 """Distance of the pixels whose flow is kept [px of the small picture]: flow is smooth."""
 _FLOW_ERROR = 1.0
-"""Difference of two ways above which it hardly matters how far off they are, for something else is
+"""Difference of two ways above which it barely matters how far off they are, for something else is
 seen there: a link that hides another, or the cable [px of the small picture]."""
 _EXPLAINED_MIN = 0.7
 """Smallest share of what was seen where the arm is that its report must explain: casts of the
@@ -94,7 +94,7 @@ class ClockOffset:
 def check_film_rate(times: Array, xy: Array, rate: float) -> None:
     """Check that an endpoint slows as friction slows one; slow motion shows it far more gently.
 
-    One that hardly moved, or did not come to rest, tells nothing. One that was slow may have been
+    One that barely moved, or did not come to rest, tells nothing. One that was slow may have been
     pulled to its place by the arm, and gets a warning.
 
     Args:
@@ -180,7 +180,7 @@ class CastClock:
             reach: Largest offset from that which is looked for [s].
 
         Returns:
-            The offset to add to `shift`; None where the arm hardly moved in sight.
+            The offset to add to `shift`; None where the arm barely moved in sight.
         """
         seen = self._seen(reported, arm, view)
         return None if seen is None else seen.offset(shift, reach)
@@ -191,7 +191,7 @@ class CastClock:
         The record of one may start or end up to half of its length before or after the other's.
 
         Raises:
-            InputError: The arm hardly moved, was not seen, moved otherwise than was seen, or the
+            InputError: The arm barely moved, was not seen, moved otherwise than was seen, or the
                 frames are further apart in time than their times say, or less.
         """
         grip = arm.grip_pose(reported.q)[:, :3]
@@ -231,7 +231,7 @@ class CastClock:
         return (len(self._kept) - 1) / (self._kept[-1][0] - self._kept[0][0])
 
     def _seen(self, reported: JointPath, arm: Arm, view: CameraView) -> "_Motion | None":
-        """Return the pairs of frames in which most moves; None if the arm hardly does in sight."""
+        """Return the pairs of frames in which most moves; None if the arm barely does in sight."""
         points = view.to_image(_arm_points(arm, reported.q))
         keep = np.isfinite(points).all(axis=(1, 2))
         robot_times, points = reported.times[keep], self._scale * points[keep]

@@ -294,7 +294,7 @@ class FrameWatch:
     """Looks at each frame for a camera that is frozen, dark, out of focus, or in another light.
 
     A picture of a real sensor never repeats itself exactly, for its noise is new in every frame.
-    `usual` is the brightness at the time of the calibration; it is not compared where None.
+    `usual` is the brightness at the time of the calibration; it is not compared if None.
     """
 
     def __init__(self, source: str, usual: Brightness | None = None):

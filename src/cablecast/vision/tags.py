@@ -48,7 +48,7 @@ def detect_tags(image: NDArray[np.uint8], family: str = FAMILY) -> dict[int, NDA
     """
     cv2 = load_cv2()
     grey, parameters = to_grey(image), cv2.aruco.DetectorParameters()
-    # OpenCV's usual settings miss small tags; `tools/measure_tags.py` has the comparison.
+    # OpenCV's default settings miss small tags; `tools/measure_tags.py` has the comparison.
     parameters.errorCorrectionRate = 0.9
     parameters.adaptiveThreshWinSizeStep = 4
     parameters.perspectiveRemovePixelPerCell = 5

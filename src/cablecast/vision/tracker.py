@@ -42,7 +42,7 @@ _HUE_AKIN_DEG = 60.0
 _NOISE_FACTOR = 3.5
 """Least chroma of the marker's pixels, in standard deviations of that of the table about it."""
 _CHROMA_MIN, _VIVID_MIN = 10.0, 25.0
-"""Least chroma of a pixel, and of a marker's vivid parts, where there is hardly any noise."""
+"""Least chroma of a pixel, and of a marker's vivid parts, where there is almost no noise."""
 _CLIPPED, _DARK = 250, 20
 """Values of pixels from which on, and below which, they tell little about the light."""
 _FAIR_MIN = 0.3
@@ -66,7 +66,7 @@ in sight its centroid is not its middle."""
 _BAND_MIN = 0.2
 """Range of the logarithm of brightness over the rows of a piece from which on there are bands."""
 _AREA_MIN, _AREA_ROUGH = 0.88, 0.12
-"""Share of the marker's area that must be seen while it hardly moves, and how much less where the
+"""Share of the marker's area that must be seen while it barely moves, and how much less where the
 light is known roughly."""
 _GRID = 1.0
 """Change of the marker's seen width by the grid of pixels and the compression of colours [px]: its
@@ -716,7 +716,7 @@ class EndpointTracker:
     def _look_at_still(self, light: _Light, marker: _Patch | None) -> None:
         """Keep what has the marker's colour in the first frame, and is not the marker."""
         chroma = Chroma.of(light.first, self._hue, light.colour, self._cable)
-        # What is hardly of its hue would still be added to a marker beside it.
+        # What is barely of its hue would still be added to a marker beside it.
         akin, mask = (
             chroma.mask(tolerance) > 0 for tolerance in (_HUE_AKIN_DEG, self._hue_tolerance)
         )

@@ -86,7 +86,7 @@ class ProgramPlayer:
         """Stop the arm by every way there is; it may be called at any time.
 
         Args:
-            number: Number of the program to stop; that which runs where None.
+            number: Number of the program to stop; that which runs if None.
         """
         link = self.link
         link.rest()

@@ -41,9 +41,9 @@ class VirtualCamera:
     """A webcam on a stand over the table of the virtual laboratory.
 
     Args:
-        config: Lens, place, and troubles; mounted to see all of the table where None.
+        config: Lens, place, and troubles; mounted to see all of the table if None.
         workspace: Gives the table's size and place.
-        layout: Tags on the table; those of `default_layout` where None.
+        layout: Tags on the table; those of `default_layout` if None.
         seed: Seed of the table's looks.
     """
 
@@ -329,7 +329,7 @@ def track_film(
 
 
 def board_pictures(camera: VirtualCamera, seed: int = 0, board: Board | None = None) -> list[Image]:
-    """Draw pictures of a board, the default one where None, held over the table at several angles.
+    """Draw pictures of a board, the default one if None, held over the table at several angles.
 
     The seed draws its places and the noise.
     """

@@ -46,7 +46,7 @@ _STILL_COUNT = 4
 _MOVE = (0.06, -0.04)
 """Way by which the fault moves a tag [m]."""
 _EXPOSED = 6.0
-"""Brightness of a picture after the exposure was changed, as a multiple of the usual."""
+"""Brightness of a picture after the exposure was changed, as a multiple of that before."""
 _DARK = 2.0
 _START_TIMEOUT = 60.0
 _AHEAD_MAX = 10
@@ -221,7 +221,7 @@ class CameraStream(contextlib.AbstractContextManager):
 
     Args:
         setup: Gives the table, its tags, the cable and the arm.
-        config: Settings of the camera; mounted over the table where None.
+        config: Settings of the camera; mounted over the table if None.
         seed: Seed of the table's looks, of the light and of the noise.
         clock: Time of the camera's clock when the laboratory's shows zero, not negative [s].
         port: Port of the stream; a free one where 0.

@@ -92,7 +92,7 @@ class VirtualConfig:
         rest_time_max: Longest time from the end of the motion to the end of the trial [s].
         rest_speed: The cable rests while all of it is slower than this [m/s].
         sensing: Way of seeing the endpoint: "exact", "error_model" or "camera".
-        thread_count: Threads that trials are spread over; all cores where None. It never changes a
+        thread_count: Threads that trials are spread over; all cores if None. It never changes a
             result.
     """
 

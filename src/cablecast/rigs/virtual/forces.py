@@ -505,7 +505,7 @@ class LabForces:
         curl: Curvature of each cable at the start, sideways and upwards [1/m], shape
             [world, 2, inner vertex].
         stiffness: Bending stiffness at each inner vertex as a multiple of the mean [-], shape
-            [inner vertex]; even where None.
+            [inner vertex]; even if None.
     """
 
     def __init__(
