@@ -1,23 +1,35 @@
-"""Throw bad inputs at the command line, and report tracebacks, hangs and memory.
+"""Throw bad inputs at the command line, kill it at any moment, and report what it does wrong.
 
-    python tools/attack.py --count 800
+    python tools/attack.py inputs --count 800
+    python tools/attack.py kills --count 200
+    python tools/attack.py kills --count 200 --interrupt
 
-Small results of every verb are made first. Then each case runs the command line in a process of its
-own: bad values of options, files that a person wrote badly, damaged files of a run, and streams,
-terminals and homes that do not work. A case is fine if the exit status is 0, 2 or 3, a refusal is
-one line, and nothing that was damaged is believed. Takes about a second a case. Everything is drawn
-from a seed.
+Small results of every verb are made first. Everything is drawn from a seed.
+
+inputs: each case runs the command line in a process of its own: bad values of options, files that a
+person wrote badly, damaged files of a run, and streams, terminals and homes that do not work. A
+case is fine if the exit status is 0, 2 or 3, a refusal is one line, and nothing that was damaged is
+believed. Takes about a second a case.
+
+kills: each verb runs undisturbed. Then it runs again in a copy of the same folder, is killed (`kill
+-9`) at a moment drawn evenly from the time that it took, is started anew, and so on up to four
+times; then it may finish. Its results must be those of the undisturbed run, file by file, and
+nothing else may lie in the folder. Each verb is killed at least once and gets about as much time as
+any other. Takes about half an hour on two cores. With `--interrupt` it is stopped as by Ctrl-C, and
+must also end with the sentence that says what the same command does.
 """
 
 import argparse
 import collections
 import contextlib
 import dataclasses
+import importlib
 import io
 import itertools
 import json
 import os
 import pathlib
+import pkgutil
 import random
 import resource
 import shlex
@@ -36,6 +48,55 @@ import tyro
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
 from tools.small_results import COARSE, SMALL, STICK, digests, prepare
+
+from cablecast.cli.main import EXIT_INTERRUPTED
+
+
+def in_child(
+    folder: pathlib.Path,
+    streams: tuple[pathlib.Path, pathlib.Path],
+    work: Callable[[], int],
+    watch: Callable[[int], None],
+) -> tuple[int, resource.struct_rusage]:
+    """Do some work in a process of its own.
+
+    Args:
+        folder: Working folder.
+        streams: Files for standard output and standard error.
+        work: Work, which returns an exit status.
+        watch: Called with the number of the process again and again while it runs.
+
+    Returns:
+        Exit status, negative the number of the signal that ended it, and what the process used.
+    """
+    child = os.fork()
+    if child == 0:
+        status = 70
+        with contextlib.suppress(BaseException):
+            os.setsid()
+            os.chdir(folder)
+            for number, file in enumerate(streams, start=1):
+                mode = os.O_WRONLY | os.O_CREAT | os.O_APPEND
+                handle = os.open(file, mode)
+                os.dup2(handle, number)
+                os.close(handle)
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            try:
+                status = work()
+            except SystemExit as error:
+                status = error.code if isinstance(error.code, int) else 1
+            except BaseException:
+                traceback.print_exc()
+                status = 1
+            sys.stdout.flush()
+        os._exit(status)
+    while True:
+        done, raw, usage = os.wait4(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(raw), usage
+        watch(child)
+        time.sleep(0.002)
+
 
 HUGE_COUNTS = ("0", "-1", "1000000000", "1000000000000000", "10000000000000000000000")
 BAD_COUNTS = (*HUGE_COUNTS, "nan", "1e3", "0x10", "1.5", "", " 7", "٣", "1_0", "9" * 5000)
@@ -497,7 +558,7 @@ class Outcome:
         return None
 
 
-def run(case: Case, base: pathlib.Path) -> Outcome:
+def run_case(case: Case, base: pathlib.Path) -> Outcome:
     """Run a case in a process of its own, in a copy of the small results.
 
     Args:
@@ -508,31 +569,26 @@ def run(case: Case, base: pathlib.Path) -> Outcome:
     shutil.copytree(base, folder, dirs_exist_ok=True)
     case.arrange(folder)
     waited, last, hung = 0.0, time.monotonic(), False
-    child = os.fork()
-    if child == 0:
-        status = 70
-        with contextlib.suppress(BaseException):
-            status = _child(case, folder)
-        os._exit(status)
-    while True:
-        done, raw, usage = os.wait4(child, os.WNOHANG)
-        if done:
-            break
+
+    def watch(child: int) -> None:
+        nonlocal waited, last, hung
         if waited > WAIT or _processor_time(child) > HANG:
             hung = True
             os.killpg(child, signal.SIGKILL)
-        time.sleep(0.01)
         # A machine that slept, or stopped the attack, made no case slower.
         now = time.monotonic()
         waited, last = waited + min(now - last, 1.0), now
+
+    streams = folder / ".out", folder / ".err"
+    status, usage = in_child(folder, streams, lambda: _command(case), watch)
     outcome = Outcome(
         case=case,
-        status=os.waitstatus_to_exitcode(raw),
+        status=status,
         seconds=usage.ru_utime + usage.ru_stime,
         hung=hung,
         memory=usage.ru_maxrss * 1024,
-        out=(folder / ".out").read_text(errors="replace"),
-        err=(folder / ".err").read_text(errors="replace"),
+        out=streams[0].read_text(errors="replace"),
+        err=streams[1].read_text(errors="replace"),
     )
     if outcome.status == 0 and case.same_as is not None and not case.must_fail:
         changed = case.same_as(folder, outcome.out)
@@ -540,6 +596,19 @@ def run(case: Case, base: pathlib.Path) -> Outcome:
             outcome = dataclasses.replace(outcome, err=f"{outcome.err}\nTraceback: {changed}")
     shutil.rmtree(folder)
     return outcome
+
+
+def _command(case: Case) -> int:
+    """Run the command line of a case, and return its exit status."""
+    from cablecast.cli import main
+
+    os.environ.update(case.environment)
+    if case.shell:
+        os.execv("/bin/sh", ["sh", "-c", case.shell])
+    encoding = case.environment.get("PYTHONIOENCODING", "utf-8")
+    sys.stdout = io.TextIOWrapper(io.FileIO(1, "wb", closefd=False), encoding)
+    sys.stderr = io.TextIOWrapper(io.FileIO(2, "wb", closefd=False), encoding, write_through=True)
+    return main(list(case.arguments))
 
 
 def _processor_time(process: int) -> float:
@@ -551,34 +620,6 @@ def _processor_time(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _child(case: Case, folder: pathlib.Path) -> int:
-    """Run the command line with its streams in files, and return its exit status."""
-    from cablecast.cli import main
-
-    os.setsid()
-    os.chdir(folder)
-    os.environ.update(case.environment)
-    for number, name in ((1, ".out"), (2, ".err")):
-        handle = os.open(name, os.O_WRONLY | os.O_CREAT)
-        os.dup2(handle, number)
-        os.close(handle)
-    if case.shell:
-        os.execv("/bin/sh", ["sh", "-c", case.shell])
-    encoding = case.environment.get("PYTHONIOENCODING", "utf-8")
-    sys.stdout = io.TextIOWrapper(io.FileIO(1, "wb", closefd=False), encoding)
-    sys.stderr = io.TextIOWrapper(io.FileIO(2, "wb", closefd=False), encoding, write_through=True)
-    try:
-        status = main(list(case.arguments))
-        sys.stdout.flush()
-        return status
-    except SystemExit as error:
-        sys.stdout.flush()
-        return error.code if isinstance(error.code, int) else 1
-    except BaseException:
-        traceback.print_exc()
-        return 1
-
-
 def run_all(cases: list[Case], base: pathlib.Path) -> list[Outcome]:
     """Run cases, and print what came of them as it comes.
 
@@ -588,7 +629,7 @@ def run_all(cases: list[Case], base: pathlib.Path) -> list[Outcome]:
     """
     outcomes = []
     for number, case in enumerate(cases, start=1):
-        outcome = run(case, base)
+        outcome = run_case(case, base)
         outcomes.append(outcome)
         if outcome.fault is not None:
             print(f"{outcome.fault}: {case.name}\n  cablecast {' '.join(case.arguments)[:300]!r}")
@@ -616,43 +657,330 @@ def report(outcomes: list[Outcome]) -> str:
     )
 
 
+KILLS_MAX = 4
+"""Largest number of kills before a verb may finish."""
+CALM = 600.0
+"""Time in which a verb that is not killed must end [s]."""
+BEGIN_TIME = 0.3
+"""Time in which a verb has read its words [s]."""
+
+LAB = """
+arm: {model: ur5, measured: true}
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """A verb that is killed.
+
+    Attributes:
+        name: Name for people.
+        arguments: Words after `cablecast`; empty for the reproduction on a tiny budget.
+        results: Files and folders that it writes.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    results: tuple[str, ...]
+
+
+def jobs() -> list[Job]:
+    """Return each verb on a budget of seconds."""
+    found = [
+        Job(name, (name.split()[0], *words), (words[words.index("--out") + 1],))
+        for name, words in SMALL.items()
+        if name not in ("plan", "track", "reproduce")
+    ]
+    virtual = ("--rig", "virtual", "--count", "6", "--out", "runs/virtual")
+    motion = ("--setup", "lab.yaml", "--miss-max", "1000", "--save", "motion.csv", "--force")
+    film = ("film.mp4", "--tags", "tags.yaml", "--out", "runs/track")
+    return [
+        *found,
+        Job("collect virtual", ("collect", *virtual), ("runs/virtual",)),
+        Job("plan", ("plan", *SMALL["plan"], *motion), ("motion.csv",)),
+        Job("track", ("track", *film), ("runs/track",)),
+        Job("reproduce", (), ("runs/reproduce",)),
+    ]
+
+
+def make_film(folder: pathlib.Path) -> None:
+    """Write a video of a short made-up motion, film.mp4, and the places of its tags, tags.yaml.
+
+    Args:
+        folder: Folder of the two files.
+    """
+    import numpy as np
+
+    from cablecast.rigs.virtual.camera import VirtualCamera
+    from cablecast.rigs.virtual.drawing import FilmedTrial
+    from cablecast.setup import Setup
+    from cablecast.vision.video import write_video
+
+    times = np.arange(36) * 0.01
+    grip = np.array([0.0, 0.6])
+    end = np.array([0.0, 1.22]) + np.clip(times / 0.3, 0, 1)[:, None] * [0.3, -0.1]
+    xy = grip + np.linspace(0, 1, 10)[:, None] * (end[:, None] - grip)
+    nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), 0.0055)], axis=-1)
+    trial = FilmedTrial(cable=Setup().cable, times=times, nodes=nodes, joint_path=None)
+    film = VirtualCamera().film(trial, seed=6)
+    write_video(folder / "film.mp4", (film.frame(i) for i in range(film.frame_count)), 60.0)
+    film.camera.layout.save(folder / "tags.yaml")
+
+
+def run_job(job: Job) -> int:
+    """Run a verb in the working folder, and return its exit status."""
+    from cablecast.cli import main
+
+    if job.arguments:
+        return main(list(job.arguments))
+    from cablecast.pipeline.reproduce import Budget, reproduce
+
+    budget = Budget(
+        cables=("cable_1", "cable_2"),
+        tune_casts=4,
+        more_casts=1,
+        validation_casts=1,
+        real_trials=24,
+        grid=3,
+        grid_psi=2,
+        generations=2,
+        repeat_actions=2,
+        repeat_casts=2,
+        casts=120,
+        epochs=2,
+        candidates=200,
+        repeats=1,
+    )
+    reproduce("runs/reproduce", budget=budget, rig="stick_of_the_attack:make")
+    return 0
+
+
+def run(
+    job: Job,
+    folder: pathlib.Path,
+    killed_after: float | None = None,
+    number: signal.Signals = signal.SIGKILL,
+) -> int:
+    """Run a verb in a process of its own.
+
+    Args:
+        job: The verb.
+        folder: Working folder.
+        killed_after: Time after which it is killed, if it still runs [s].
+        number: Signal that kills it.
+
+    Returns:
+        Exit status; negative the number of the signal that ended it.
+    """
+    end = time.monotonic() + (CALM if killed_after is None else killed_after)
+    output = folder.parent / "output.txt"
+    output.write_text("")
+
+    def watch(child: int) -> None:
+        nonlocal end
+        if time.monotonic() >= end:
+            os.kill(child, number)
+            end = float("inf")
+
+    return in_child(folder, (output, output), lambda: run_job(job), watch)[0]
+
+
+def contents(folder: pathlib.Path, job: Job) -> tuple[dict[str, str], set[str]]:
+    """Return a digest of each result that decides something, and the names of all files."""
+    found = {}
+    for result in job.results:
+        for pattern in (result, f"{result}/**/*"):
+            found |= digests(folder, pattern)
+    names = {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
+    return found, {name for name in names if "__pycache__" not in name}
+
+
+def kill_again_and_again(
+    job: Job,
+    base: pathlib.Path,
+    good: tuple[dict[str, str], set[str]],
+    took: float,
+    rng: random.Random,
+    number: signal.Signals,
+) -> tuple[int, str]:
+    """Kill a verb up to some times, let it finish, and compare.
+
+    Args:
+        job: The verb.
+        base: Folder in which it has not run yet.
+        good: Contents of the folder after an undisturbed run.
+        took: Time of the undisturbed run [s].
+        rng: Source of the moments.
+        number: Signal that kills it.
+
+    Returns:
+        Number of kills, and what differs from the undisturbed results; empty text for nothing.
+    """
+    with copied(base) as folder:
+        kills = 0
+        for _ in range(rng.randint(1, KILLS_MAX)):
+            # Before it has begun, nothing says more than Python does.
+            soonest = 0.0 if number == signal.SIGKILL else BEGIN_TIME
+            status = run(job, folder, rng.uniform(soonest, max(took, 2 * soonest)), number)
+            if status == -signal.SIGKILL:
+                kills += 1
+            elif status == EXIT_INTERRUPTED and number == signal.SIGINT:
+                kills += 1
+                if "cablecast: interrupted. " not in last_line(folder):
+                    return kills, f"it ends with {last_line(folder)!r}"
+            elif status:
+                return kills, f"status {status}: {last_line(folder)}"
+            if contents(folder, job) == good:
+                # The work was done before the kill; not every verb may be asked twice.
+                return kills, ""
+        if status := run(job, folder):
+            return kills, f"status {status}: {last_line(folder)}"
+        digest, names = contents(folder, job)
+        differing = sorted(
+            {name for name in {*digest, *good[0]} if digest.get(name) != good[0].get(name)}
+            | (names ^ good[1])
+        )
+        return kills, ", ".join(differing)
+
+
 @contextlib.contextmanager
-def small_results(folder: pathlib.Path | None) -> Iterator[pathlib.Path]:
-    """Yield a folder with small results of every verb, made anew unless one is given."""
-    if folder is not None and (folder / "runs").is_dir():
-        yield folder.resolve()
-        return
-    made = pathlib.Path(tempfile.mkdtemp(prefix="attack-base-")) if folder is None else folder
-    made.mkdir(parents=True, exist_ok=True)
-    prepare(made.resolve())
-    yield made.resolve()
-    if folder is None:
-        shutil.rmtree(made)
+def copied(base: pathlib.Path) -> Iterator[pathlib.Path]:
+    """Yield a copy of a folder, which is deleted afterwards."""
+    with tempfile.TemporaryDirectory(prefix="kill-") as temporary:
+        folder = pathlib.Path(temporary) / "copy"
+        shutil.copytree(base, folder)
+        yield folder
+
+
+def last_line(folder: pathlib.Path) -> str:
+    """Return the last line that a verb printed."""
+    lines = (folder.parent / "output.txt").read_text(errors="replace").splitlines()
+    return lines[-1] if lines else ""
+
+
+def undisturbed(job: Job, base: pathlib.Path) -> tuple[tuple[dict[str, str], set[str]], float]:
+    """Return what a verb leaves when nobody kills it, and the time that it takes [s]."""
+    with copied(base) as folder:
+        begun = time.monotonic()
+        if status := run(job, folder):
+            raise SystemExit(f"{job.name} failed with status {status}: {last_line(folder)}")
+        return contents(folder, job), time.monotonic() - begun
+
+
+@contextlib.contextmanager
+def small_results(kept: pathlib.Path | None) -> Iterator[pathlib.Path]:
+    """Yield a folder with small results of every verb, made anew unless it is kept from before."""
+    with tempfile.TemporaryDirectory(prefix="attack-base-") as temporary:
+        base = kept.resolve() if kept is not None else pathlib.Path(temporary) / "prepared"
+        if not (base / "tags.yaml").exists():
+            base.mkdir(parents=True, exist_ok=True)
+            files = pathlib.Path(temporary) / "out", pathlib.Path(temporary) / "err"
+            # In a process of its own: the threads that it starts would not survive a fork.
+            if in_child(base, files, lambda: _prepare(base), lambda _: None)[0]:
+                reason = files[1].read_text(errors="replace")[-1000:]
+                raise SystemExit(f"the small results cannot be made: {reason}")
+        yield base
+
+
+def _prepare(base: pathlib.Path) -> int:
+    prepare(base)
+    (base / "lab.yaml").write_text(LAB)
+    make_film(base)
+    return 0
+
+
+def import_all() -> None:
+    """Import what any verb imports, so that a run that is forked off takes its own time only."""
+    import cablecast
+
+    for module in pkgutil.walk_packages(cablecast.__path__, "cablecast."):
+        # The command line as a script, and what needs an extra that is missing.
+        if not module.name.endswith("__main__"):
+            with contextlib.suppress(ImportError):
+                importlib.import_module(module.name)
+    for name in (
+        *("pyarrow.parquet", "scipy.optimize", "scipy.spatial", "torch", "safetensors.torch"),
+        *("matplotlib.figure", "shapely", "jinja2", "warp", "mujoco", "cv2", "rich.progress"),
+    ):
+        importlib.import_module(name)
+
+
+def without_results(base: pathlib.Path, place: pathlib.Path, job: Job) -> pathlib.Path:
+    """Return a copy of the small results without those of a verb, in a folder at a place."""
+    folder = place / job.name.replace(" ", "-")
+    shutil.copytree(base, folder)
+    for result in job.results:
+        shutil.rmtree(folder / result, ignore_errors=True)
+    return folder
+
+
+def throw_inputs(options: argparse.Namespace, base: pathlib.Path) -> bool:
+    """Run bad inputs, print the figures, and return whether there was a fault."""
+    rng = random.Random(options.seed)
+    cases = [
+        case
+        for case in all_cases(base, rng, options.count, options.only)
+        if options.only in case.name and options.group in (None, case.group)
+    ]
+    outcomes = run_all(cases, base)
+    print(report(outcomes))
+    return any(outcome.fault for outcome in outcomes)
+
+
+def kill_verbs(options: argparse.Namespace, base: pathlib.Path) -> bool:
+    """Kill verbs, print the figures, and return whether a result differed."""
+    rng = random.Random(options.seed)
+    number = signal.SIGINT if options.interrupt else signal.SIGKILL
+    # The reproduction is not called by its verb here.
+    chosen = [
+        j for j in jobs() if options.only in j.name and (j.arguments or not options.interrupt)
+    ]
+    kills, runs = collections.Counter[str](), collections.Counter[str]()
+    spent = {job.name: 0.0 for job in chosen}
+    faults = 0
+    with tempfile.TemporaryDirectory(prefix="kills-") as temporary:
+        before = {job.name: without_results(base, pathlib.Path(temporary), job) for job in chosen}
+        good = {job.name: undisturbed(job, before[job.name]) for job in chosen}
+        chosen.sort(key=lambda job: good[job.name][1])
+        while sum(kills.values()) < options.count or not all(spent.values()):
+            # The quick ones come first, and each gets about as much time as any other.
+            job = min(chosen, key=lambda job: spent[job.name])
+            begun, (wanted, took) = time.monotonic(), good[job.name]
+            count, differing = kill_again_and_again(
+                job, before[job.name], wanted, took, rng, number
+            )
+            spent[job.name] += time.monotonic() - begun
+            kills[job.name] += count
+            runs[job.name] += 1
+            if differing:
+                faults += 1
+                print(f"{job.name} differs after {count} kills: {differing[:500]}")
+            print(f"{sum(kills.values())} kills, the last in {job.name}", flush=True)
+    for name in kills:
+        print(f"{name}: {kills[name]} kills in {runs[name]} runs of {good[name][1]:.1f} s")
+    print(
+        f"{sum(kills.values())} kills in {sum(runs.values())} runs of {len(kills)} verbs: "
+        f"{faults or 'no'} run{'s' * (faults != 1)} finished with other results"
+    )
+    return faults > 0
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Attack, print the figures, and return 1 if there was a fault."""
-    parser = argparse.ArgumentParser(description=__doc__, add_help=True)
-    parser.add_argument("--count", type=int, default=800, help="number of bad inputs")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the inputs")
-    parser.add_argument("--only", default="", help="run the cases whose name holds this text")
-    parser.add_argument("--group", help="run the cases of one group: options, files and so on")
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("what", choices=("inputs", "kills"))
+    parser.add_argument("--count", type=int, help="number of bad inputs (800) or of kills (200)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of inputs and moments")
+    parser.add_argument("--only", default="", help="cases or verbs whose name holds this text")
+    parser.add_argument("--group", help="inputs of one group: options, files and so on")
+    parser.add_argument("--interrupt", action="store_true", help="stop verbs as by Ctrl-C")
     parser.add_argument("--base", type=pathlib.Path, help="folder that keeps the small results")
     options = parser.parse_args(arguments)
+    options.count = options.count or {"inputs": 800, "kills": 200}[options.what]
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with small_results(options.base) as base:
-        rng = random.Random(options.seed)
-        cases = [
-            case
-            for case in all_cases(base, rng, options.count, options.only)
-            if options.only in case.name and options.group in (None, case.group)
-        ]
-        # Imported once, before the fork: a case then takes its own time only.
-        for module in ("cablecast.pipeline.track_video", "cablecast.cli", "pyarrow.parquet"):
-            __import__(module)
-        outcomes = run_all(cases, base)
-    print(report(outcomes))
-    return int(any(outcome.fault for outcome in outcomes))
+        import_all()
+        return int({"inputs": throw_inputs, "kills": kill_verbs}[options.what](options, base))
 
 
 if __name__ == "__main__":

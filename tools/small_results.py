@@ -93,7 +93,7 @@ def prepare(base: pathlib.Path, names: Sequence[str] = PREPARED) -> None:
 
     (base / "stick_of_the_attack.py").write_text(RIG)
     (base / "a_file").write_text("precious")
-    (base / "foreign").mkdir()
+    (base / "foreign").mkdir(exist_ok=True)
     (base / "foreign" / "thesis.tex").write_text("years of work")
     (base / "trial.mp4").write_bytes(b"no video")
     (base / "casts.csv").write_text(_table_of_casts())

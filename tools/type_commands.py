@@ -64,8 +64,8 @@ ELSEWHERE = {
     "cablecast reproduce --quick --engine pybullet": (
         "hours; python -m benchmarks reproduce --quick --cables cable_1 --engine pybullet"
     ),
-    "python tools/attack.py --count 800": "half an hour; it is such a tool itself",
-    "python tools/kill.py --count 200": "half an hour; it is such a tool itself",
+    "python tools/attack.py inputs --count 800": "half an hour; it is such a tool itself",
+    "python tools/attack.py kills --count 200": "half an hour; it is such a tool itself",
     "python tools/fit_camera_error.py --clips 150 --write": "rewrites the package; a tool itself",
     "cablecast reproduce --workers ray": "days; tests/runs/test_workers.py",
     "cablecast simulate --params runs/cable_1/tune --workers ray:10.0.0.5:6379": "a cluster",

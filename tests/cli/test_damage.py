@@ -206,7 +206,7 @@ sys.exit(main(sys.argv[2:]))
 
 
 # Moments within the work of each verb, as numbers of the file that is being written.
-# `tools/kill.py` kills every verb at any moment.
+# `tools/attack.py kills` kills every verb at any moment.
 @pytest.mark.parametrize(
     ("verb", "moment"),
     [("collect", 4), ("simulate", 1), ("tune", 3)],

@@ -30,7 +30,7 @@ def test_each_verb_says_whether_the_same_command_goes_on(verb):
         assert "\n" not in words
 
 
-# `tools/kill.py --interrupt` stops every verb, at any moment, in a process of its own.
+# `tools/attack.py kills --interrupt` stops every verb, at any moment, in a process of its own.
 @pytest.mark.parametrize("name", SMALL_VERBS)
 def test_a_verb_stopped_by_ctrl_c_goes_on_to_the_same_results(name, in_copy, capsys, monkeypatch):
     words, good = SMALL[name], digests(in_copy)
