@@ -296,7 +296,7 @@ class Args:
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     lab: int = 0
     fitted: int = 10
-    played: int = 6
+    played: int = 5
     out: pathlib.Path = pathlib.Path("runs/benchmarks/replay")
 
 

@@ -26,7 +26,7 @@ class Export:
     cable: CableName = None
     params: Annotated[pathlib.Path | None, argument("FILE", "runs/CABLE/tune")] = None
     """Parameters that `cablecast tune` found (params.json, or its folder), for cable."""
-    segment_count: Annotated[int | None, argument("INT", "25, for PyBullet 18")] = None
+    segment_count: Annotated[int | None, argument("INT", "20, for PyBullet 18")] = None
     """Segments of the models, for cable."""
     fps: int = 10
     """Frames per second; tracks have 10 samples a second."""

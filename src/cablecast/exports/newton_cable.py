@@ -47,8 +47,8 @@ def add_cable(builder: Any, points: Any = None) -> tuple[list[int], list[int]]:
         body_frame_origin="com",
     )
     first = builder.joint_qd_start[joints[0]]
-    for axis in (2, 3):
-        # Half a segment bends between the grip and the middle of the first one.
+    for axis in (3, 4, 5):
+        # Half a segment bends and twists between the grip and the middle of the first one.
         builder.joint_target_ke[first + axis] *= 2.0
         builder.joint_target_kd[first + axis] *= 2.0
     if v["endpoint_mass"]:

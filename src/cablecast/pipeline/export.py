@@ -76,8 +76,8 @@ def export_dataset(
     return out
 
 
-SEGMENT_COUNT = 25
-"""Segments of an exported chain: two dozen capsules are what other simulators play in good time."""
+SEGMENT_COUNT = 20
+"""Segments of an exported chain: MuJoCo's time grows with the square of their number."""
 BULLET_SEGMENT_COUNT = 18
 """Segments for PyBullet, as in the paper: its springs are explicit, and take longer segments."""
 
@@ -90,7 +90,7 @@ def export_cable(
     Args:
         tuned: The fitted cable, with its uncertainty.
         out: Folder of the files, which are replaced where they exist.
-        segment_count: Segments of the models; by default 25, for PyBullet 18.
+        segment_count: Segments of the models; by default 20, for PyBullet 18.
 
     Raises:
         InputError: The number of segments is out of bounds, or the cable's parameters are given
