@@ -78,6 +78,11 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         (*LABORATORY, "tuning", "exports"),
         "exported cables in other simulators, against measured casts",
     ),
+    "hand": (
+        "hand:main",
+        (*PHYSICS, "data", "tuning", "exports/facts"),
+        "fits of made cables that a hand swings: whether their intervals hold",
+    ),
     "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),
     "faults": ("faults:main", ROBOT, "faults of robot, camera and cable in every phase"),
     "effects": (

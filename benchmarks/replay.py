@@ -296,9 +296,12 @@ class Args:
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     lab: int = 0
     fitted: int = 10
-    played: int = 5
+    played: int = 3
     out: pathlib.Path = pathlib.Path("runs/benchmarks/replay")
 
+
+COARSE = 20
+"""Segments of EngineWarp in the table of effects: those of the exported chain."""
 
 LEFT_OUT: dict[str, dict[str, float]] = {
     "rolling": {"rolling_friction": 0.1},
@@ -405,8 +408,12 @@ def main(args: Args) -> Iterator[Table]:
             found = TrackObjective(engine, cable, tracks).distances(without)
             median = 100 * float(np.nanmedian(found.mean)) / cable.length
             effects.rows.append((name, effect, median, median / own))
+        coarse = make_engine("warp", COARSE)
+        found = TrackObjective(coarse, cable, tracks).distances(tuned.params)
+        median = 100 * float(np.nanmedian(found.mean)) / cable.length
+        effects.rows.append((name, f"segments, but for {COARSE}", median, median / own))
         if name == args.cables[0]:
-            law = friction_law(tuned, tracks[:2])
+            law = friction_law(tuned, tracks[:1])
     yield from (replays, effects, law)
 
 

@@ -48,6 +48,7 @@ PAGES = (
             "your-own-rig",
             "camera",
             "fit-my-cable",
+            "other-simulators",
             "robot",
             "ursim",
             "reproduce",

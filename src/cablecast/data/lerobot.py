@@ -8,7 +8,7 @@ import dataclasses
 import json
 import pathlib
 import string
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -169,8 +169,18 @@ def write_tables(
     episodes: list[Episode],
     fps: int,
     video: Video | None,
+    tasks: Sequence[str] = (),
 ) -> None:
-    """Write everything but the films into an empty folder."""
+    """Write everything but the films into an empty folder.
+
+    Args:
+        folder: The folder.
+        dataset: Casts of the episodes, or of some of them.
+        episodes: Values of each cast.
+        fps: Frames per second.
+        video: Film of all episodes, if there is one.
+        tasks: Sentence of each task that episodes name by its index; one for all by default.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -178,13 +188,16 @@ def write_tables(
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
     joined = {name: np.concatenate([episode[name] for episode in episodes]) for name in _FEATURES}
     pq.write_table(_frames_table(joined), folder / DATA_FILE, compression="snappy")
-    task = f"Cast the free end of {dataset.cable.name} onto the table."
-    rows = [_episode_row(episode, task, fps, video) for episode in episodes]
+    tasks = tasks or (f"Cast the free end of {dataset.cable.name} onto the table.",)
+    rows = [
+        _episode_row(episode, tasks[int(episode["task_index"][0])], fps, video)
+        for episode in episodes
+    ]
     pq.write_table(pa.Table.from_pylist(rows), folder / EPISODES_FILE, compression="snappy")
     # LeRobot reads the tasks with pandas, where they are the index of the table.
-    tasks = pa.table({"task_index": pa.array([0], pa.int64()), "task": [task]})
-    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(_TASKS_INDEX)})
-    pq.write_table(tasks, folder / TASKS_FILE)
+    table = pa.table({"task_index": pa.array(range(len(tasks)), pa.int64()), "task": list(tasks)})
+    table = table.replace_schema_metadata({"pandas": json.dumps(_TASKS_INDEX)})
+    pq.write_table(table, folder / TASKS_FILE)
     features = _features(dataset.setup.arm)
     if video is not None:
         features[VIDEO_KEY] = {
@@ -207,7 +220,7 @@ def write_tables(
         "robot_type": dataset.setup.arm.model,
         "total_episodes": len(episodes),
         "total_frames": len(joined["index"]),
-        "total_tasks": 1,
+        "total_tasks": len(tasks),
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable
+from statistics import NormalDist
 
 import numpy as np
 
@@ -82,11 +83,27 @@ class CableModel:
         columns = {name: getattr(draws, name) for name in self.posterior.space.names}
         columns |= _derived(draws)
         tail = 0.5 * (100.0 - INTERVAL_PCT)
-        return {
+        found = {
             name: (float(low), float(high))
             for name, values in columns.items()
             for low, high in [np.percentile(values, (tail, 100.0 - tail))]
         }
+        # Draws follow the product of the two factors along a straight line, far from which it is
+        # another one: near the best point it is linear.
+        half = NormalDist().inv_cdf(0.5 + INTERVAL_PCT / 200.0) * self._friction_deviation()
+        middle = float(np.asarray(self.posterior.params.friction))
+        return found | {"friction": (max(middle - half, 0.0), middle + half)}
+
+    def _friction_deviation(self) -> float:
+        """Return the standard deviation of the product of the friction factors [-]."""
+        posterior = self.posterior
+        if posterior is None:
+            return 0.0
+        space, best = posterior.space, posterior.params
+        rows = [space.names.index(n) for n in ("lateral_friction", "worksurface_friction")]
+        ranges = (space.high - space.low)[rows]
+        slopes = ranges * [float(best.worksurface_friction), float(best.lateral_friction)]
+        return float(np.sqrt(slopes @ posterior.covariance[np.ix_(rows, rows)] @ slopes))
 
     def lines(self, target: str, dropped: Iterable[str]) -> list[str]:
         """Return the comment at the head of a file, line by line.

@@ -115,7 +115,8 @@ def _hinges(model: CableModel, index: int, cell: float) -> str:
             text += (
                 f'<joint name="{name}_yield_{index}" type="hinge" axis="{axis}" '
                 f'frictionloss="{limit:.6g}" damping="{value("yield_time") * bend:.6g}" '
-                f'armature="{_armature(model):.3g}" solimpfriction="{_SOLIMP}"/>'
+                f'armature="{_armature(model):.3g}" solreffriction="{CHAIN_DT} 1" '
+                f'solimpfriction="{_SOLIMP}"/>'
             )
         text += (
             f'<joint name="{name}_{index}" type="hinge" axis="{axis}" stiffness="{bend:.6g}" '
@@ -133,9 +134,13 @@ def _damping_time(model: CableModel) -> float:
 
 
 def _armature(model: CableModel) -> float:
-    """Return a moment of inertia that is small beside that of a segment [kg m²]."""
+    """Return the inertia of a hinge that yields [kg m²], that of a segment.
+
+    MuJoCo's dry friction creeps the faster the lighter what it holds; the flow is so damped that it
+    does not feel this inertia.
+    """
     mass = model.value("mass") / model.segment_count
-    return 0.01 * mass * model.segment_length**2 / 3
+    return mass * model.segment_length**2 / 3
 
 
 def _rod(name: str, length: float, radius: float, mass: float, drag: float) -> str:
