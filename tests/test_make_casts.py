@@ -1,0 +1,40 @@
+"""The data set of casts for others: its layout, its rows, and that it is made with one command."""
+
+import csv
+import json
+import sys
+
+import pyarrow.parquet as pq
+import pytest
+from tools import make_casts
+
+
+@pytest.mark.slow
+def test_one_command_makes_casts_of_each_kind_with_card_and_licence(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "casts"
+    options = "--cables cable_1 --labs 0 --calibrations 2 --targets 0 --others 1"
+    words = ["make_casts.py", str(out), *options.split(), "--work", str(tmp_path / "work")]
+    monkeypatch.setattr(sys, "argv", words)
+    make_casts.main()
+    assert "4 casts" in capsys.readouterr().out
+    with (out / "meta/casts.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["purpose"] for row in rows] == ["calibration", "calibration", "calm", "wild"]
+    # Calm and wild casts are the same motions at another pace.
+    assert rows[2]["theta1"] == rows[3]["theta1"]
+    assert float(rows[2]["pace"]) < float(rows[3]["pace"]) == 1.0
+    info = json.loads((out / "meta/info.json").read_text())
+    frames = pq.read_table(out / "data")
+    assert (info["total_episodes"], info["total_tasks"]) == (4, 1)
+    assert info["total_frames"] == len(frames)
+    assert frames["index"].to_pylist() == list(range(len(frames)))
+    assert sorted(set(frames["episode_index"].to_pylist())) == [0, 1, 2, 3]
+    card = (out / "README.md").read_text()
+    assert "license: apache-2.0" in card
+    assert f"python tools/make_casts.py casts {options}" in card.replace(
+        " --simulated 8000", ""
+    ).replace(" --tries 3", "")
+    assert "Apache License" in (out / "LICENSE").read_text()
+    with pytest.raises(SystemExit):
+        make_casts.main()
+    assert "give a new folder" in capsys.readouterr().err
