@@ -104,16 +104,21 @@ class Batch:
             return stored.transpose((len(shape) - 1, *range(len(shape) - 1)))
         return wp.zeros(shape, dtype=dtype, device=device)
 
-    def model(self, cables: CableRows, dt: float, gravity: float, far_is_held: bool):
+    def model(
+        self, cables: CableRows, dt: float, gravity: float, far_is_held: bool, grip_cells: float
+    ):
         """Pack the constants: step [s] and acceleration of free fall [m/s²] among them."""
         model = self.build.Model()
         model.node_count = self.node_count
         model.far_is_held = int(far_is_held)
+        model.grip_cells = grip_cells
         model.dt = dt
         model.endpoint = self.cable_segment_count
         model.joint_cells = 1.0 if self.end is None else JOINT_CELLS
         model.gravity = gravity
-        constants = model_constants(cables, self.cable_segment_count, dt, far_is_held, self.end)
+        constants = model_constants(
+            cables, self.cable_segment_count, dt, far_is_held, self.end, grip_cells
+        )
         length = constants["segment_length"].astype(self.layout.real)
         constants |= {"inverse_length": 1 / length, "inverse_square": 1 / (length * length)}
         for name, values in constants.items():

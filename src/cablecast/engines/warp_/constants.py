@@ -87,6 +87,9 @@ def rounding_of_friction(cable: Cable, segment_count: int) -> NDArray[np.float64
 TIP_SHARE = 0.75
 """Share of the attachment's mass at the end of the arm."""
 
+CLAMP_CELLS = 2.0
+"""Stiffness at a gripper that clamps the cable, over that of a node within it."""
+
 JOINT_CELLS = 2.0
 """Stiffness of the joint over that of a node within the cable."""
 
@@ -183,11 +186,12 @@ def model_constants(
     dt: float,
     far_is_held: bool,
     end: EndSegment | None = None,
+    grip_cells: float = CLAMP_CELLS,
 ) -> dict[str, NDArray[np.float64]]:
     """Return the lane values of `Model` (world.py) by attribute, with units as there.
 
     Shapes are [world], [world, node] or [world, segment]. A second gripper may hold the far end, or
-    an attachment lie beyond it.
+    an attachment lie beyond it. Grippers clamp the cable, or are hinges without stiffness.
     """
     values = cables.params.to_columns()
     world_count = max(len(cables.length), *(len(column) for column in values.values()))
@@ -213,7 +217,7 @@ def model_constants(
         mass[:, -1] = np.inf
     bending = values["bend_stiffness"] / segment_length**3
     joint = None if end is None else (last_ratio, JOINT_CELLS)
-    diagonal, lower1, lower2 = filter_factors(bending, mass, dt, joint)
+    diagonal, lower1, lower2 = filter_factors(bending, mass, dt, joint, grip_cells)
     yielding, *dashpots = dashpot_factors(bending, damping_time, mass, dt, joint)
     torsion = values["twist_stiffness"] / segment_length
     sharp_torsion = SHARP_TORSION * segment_mass * segment_length**2 / dt**2

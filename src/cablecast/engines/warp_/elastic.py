@@ -68,6 +68,7 @@ def filter_factors(
     mass: NDArray[np.float64],
     dt: float,
     joint: tuple[NDArray[np.float64], float] | None = None,
+    grip_cells: float = 2.0,
 ) -> tuple[NDArray[np.float64], ...]:
     """Factor M + dt^2 K / 12 = L D L^T, with K the stiffness matrix of a nearly straight rod.
 
@@ -77,6 +78,7 @@ def filter_factors(
         dt: Step [s].
         joint: Length of the other segments over that of the last one, an attachment's, shape
             [world], and stiffness of its joint over that of a whole cell; None without one.
+        grip_cells: Stiffness at a gripper over that of a whole cell.
 
     Returns:
         1 / D [1/kg], shape [world, node], and the first and second lower diagonals of L [-], with
@@ -88,8 +90,8 @@ def filter_factors(
     diagonal = np.where(free, mass, 1.0)
     off1 = np.zeros_like(diagonal)  # couples i and i + 1
     off2 = np.zeros_like(diagonal)  # couples i and i + 2
-    diagonal[:, 1] += 2.0 * k
-    diagonal[:, -2] += np.where(free[:, -1], 0.0, 2.0 * k)
+    diagonal[:, 1] += grip_cells * k
+    diagonal[:, -2] += np.where(free[:, -1], 0.0, grip_cells * k)
     ratio, cells = (np.ones_like(k), 1.0) if joint is None else joint
     for i in range(1, node_count - 1):
         s, c = (ratio, cells * k) if i == node_count - 2 else (np.ones_like(k), k)
@@ -527,7 +529,7 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         """
         bend = after.edge - before.edge
         sine_squared = mul(dot(bend, bend), model.inverse_square[group] * real(0.25))
-        scratch.bending_moment[group, node] = scale(model.bending[group] * real(2.0), bend)
+        scratch.bending_moment[group, node] = scale(model.bending[group] * model.grip_cells, bend)
         torque = node_torque(
             model, state, scratch, group, node, before, after, sine_squared, previous_dt
         )

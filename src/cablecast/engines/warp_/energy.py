@@ -69,7 +69,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         x = position[1]
         edge = x - position[0]
         bend = edge - scale(length, path.next_direction[group])
-        bent = mul(dot(bend, bend), quarter * real(4.0))
+        bent = mul(dot(bend, bend), quarter * (real(2.0) * model.grip_cells))
         twisted = mul(twists[0], twists[0]) * real(2.0)
         rolling = mul(mul(spins[0], spins[0]), one + mass_ratios[1])
         mass = node_mass(inverse_mass[1])
@@ -98,7 +98,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
             node += 1
         if model.far_is_held == 1:
             bend = scale(length, far_path.next_direction[group]) - edge
-            bent += mul(dot(bend, bend), quarter * real(4.0))
+            bent += mul(dot(bend, bend), quarter * (real(2.0) * model.grip_cells))
             twisted += mul(twists[last], twists[last]) * real(2.0)
         moving = (kinetic + mul(model.torsion[group], twisted)) * real(0.5)
         moving += mul(mul(model.bending[group], bent), squared_length)

@@ -21,6 +21,7 @@ from cablecast.engines.base import (
 )
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.constants import (
+    CLAMP_CELLS,
     EndSegment,
     fastest_at_end,
     fastest_wave,
@@ -77,6 +78,8 @@ class EngineWarp:
         gravity: Acceleration of free fall [m/s²].
         table: False for a cable in the air with no table below it, at any height. Nothing rests
             there, so that every world is computed to the end.
+        hinged: True for grippers that let the cable turn about them; it must have no damping time,
+            curl or yield then.
 
     Raises:
         InputError: A count or step out of bounds, or a device that does not exist.
@@ -93,6 +96,7 @@ class EngineWarp:
         gravity: float = GRAVITY,
         *,
         table: bool = True,
+        hinged: bool = False,
     ):
         check_count("segment_count", segment_count, 2, 1000)
         if not 1e-7 <= dt <= 1e-2:
@@ -106,6 +110,7 @@ class EngineWarp:
         self.rest_speed = rest_speed
         self.gravity = gravity
         self.table = table
+        self.hinged = hinged
         self.device = find_device(device)
         self.thread_count = thread_count or core_count()
         # How many worlds a thread owns, and whether groups lie interleaved in memory.
@@ -118,7 +123,7 @@ class EngineWarp:
         Args:
             thread_count: Number of its threads there; the results do not depend on it.
         """
-        names = ("segment_count", "dt", "precision", "rest_speed", "gravity", "table")
+        names = ("segment_count", "dt", "precision", "rest_speed", "gravity", "table", "hinged")
         device = "cuda" if self.device.is_cuda else "cpu"
         options = {name: getattr(self, name) for name in names}
         return type(self), options | {"device": device, "thread_count": thread_count}
@@ -162,6 +167,10 @@ class EngineWarp:
         cables = CableRows.of(cable)
         params = cables.params
         remembers = params.remembers_bends
+        if remembers and self.hinged:
+            raise InputError(
+                "grippers that are hinges hold no cable with a damping time, a curl or a yield"
+            )
         has_grain = self.table and bool(np.any(np.asarray(params.friction_ratio) != 1.0))
         features = Features(
             table=self.table,
@@ -246,7 +255,13 @@ class EngineWarp:
             self.rest_speed,
             REST_DURATION if may_rest else np.inf,
             batch.array(motion_end, build.lane),
-            batch.model(cables, dt, self.gravity, far_is_held=far_path is not None),
+            batch.model(
+                cables,
+                dt,
+                self.gravity,
+                far_is_held=far_path is not None,
+                grip_cells=0.0 if self.hinged else CLAMP_CELLS,
+            ),
             batch.path(grip_path),
             batch.path(far_path if far_path is not None else _NO_PATH),
             state,

@@ -32,6 +32,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             endpoint: Index of the cable's end: the last node, or that before an attachment's.
             joint_cells: Stiffness of the node before the last over that of a whole cell [-]: 2
                 where it clamps an attachment, else 1.
+            grip_cells: Stiffness at a gripper over that of a whole cell [-]: 2 where it clamps the
+                cable, 0 where it is a hinge.
             far_is_held: 1 where a second gripper holds the far end, else 0.
             dt: Step [s].
             gravity: Acceleration of free fall [m/s²].
@@ -98,6 +100,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         node_count: int
         endpoint: int
         joint_cells: real
+        grip_cells: real
         far_is_held: int
         dt: real
         gravity: real
