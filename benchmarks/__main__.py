@@ -51,6 +51,11 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         (*PHYSICS, "engines"),
         "rollouts per second and accuracy of every engine",
     ),
+    "cosserat": (
+        "cosserat:cosserat",
+        PHYSICS,
+        "another author's tests of rod solvers, with MuJoCo and PyElastica",
+    ),
     "mocap": (
         "mocap:main",
         PHYSICS,
@@ -125,6 +130,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "faults": ("faults", 1.5),
     "swing": ("swing", 0.01),
     "order": ("order", 0.01),
+    "cosserat": ("cosserat", 0.2),
     "stability-materials": ("stability --materials --share 0.02", 0.05),
     "sensitivity": ("sensitivity --count 40", 0.1),
     "convergence-attachments": ("convergence --attachments --count 40", 0.1),
