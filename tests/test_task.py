@@ -15,10 +15,13 @@ from cablecast.task import (
     MISS_MEMORY,
     MISS_WEIGHT,
     SQUARE_MAX,
+    STRIKE,
+    Arrival,
     Expectation,
     Goal,
     MissLaw,
     Task,
+    closest,
 )
 from cablecast.workspace import Workspace, load_targets
 
@@ -270,3 +273,52 @@ def test_the_distance_that_a_share_of_casts_is_within_belongs_to_the_chance_of_a
         distance = expected.miss_within(goal, share)
         within = dataclasses.replace(goal, within_pct=100.0 * distance)
         assert expected.hit_chance(within) / 0.8 == pytest.approx(share, abs=SHARE_ERROR)
+
+
+PATH = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [np.nan] * 3, [5.0, 5.0, 5.0]])
+
+
+def test_a_strike_counts_the_point_of_the_path_closest_to_its_goal():
+    goal = [0.4, 0.3, 0.0]
+    np.testing.assert_allclose(STRIKE.outcome_at(PATH, goal), [0.4, 0.0, 0.0])
+    distance, place = closest(PATH, goal)
+    assert distance == pytest.approx(0.3)
+    assert place == pytest.approx(0.4)
+    miss = STRIKE.goals(SETUP, goal)[0].miss(STRIKE.outcome_at(PATH, goal))
+    assert miss * SETUP.cable.length == pytest.approx(0.3)
+
+
+def test_a_strike_counts_nothing_after_the_path_was_cut():
+    assert closest(PATH, [5.0, 5.0, 5.0])[0] == pytest.approx(np.linalg.norm([4.0, 3.0, 5.0]))
+    unseen = np.full((2, 5, 3), np.nan)
+    unseen[1] = PATH
+    np.testing.assert_array_equal(STRIKE.lost(unseen, SETUP), [True, False])
+    assert np.isnan(STRIKE.outcome_at(unseen, [0.0, 0.0, 1.0])[0]).all()
+    assert closest(unseen, [0.0, 0.0, 1.0])[0][0] == np.inf
+
+
+def test_an_arrival_lacks_nothing_within_its_angle_and_above_its_speed():
+    goal = (1.0, 1.0, 0.0)
+    np.testing.assert_allclose(STRIKE.arrival(PATH, goal, 0.5), [0.0, 4.0, 0.0])
+    ways = {8.0: 0.0, 15.0: 0.5 * 0.05, 30.0: 2.0 * 0.05}
+    for angle, lacks in ways.items():
+        way = (np.sin(np.radians(angle)), np.cos(np.radians(angle)), 0.0)
+        found = Arrival(goal=goal, direction=way, dt=0.5)(PATH)
+        assert found == pytest.approx(lacks)
+    slow = Arrival(goal=goal, direction=(0.0, 1.0, 0.0), dt=0.5, least_speed=8.0)
+    assert slow(PATH) == pytest.approx(0.5 * 0.05)
+    assert slow(np.full((3, 3), np.nan)) == 0.05
+
+
+def test_a_strike_has_no_outcome_without_a_goal():
+    with pytest.raises(InputError, match="depends on its goal"):
+        STRIKE.outcome(PATH)
+    assert LANDING.outcome_at(PATH[:, :2], [9.0, 9.0]).tolist() == [5.0, 5.0]
+
+
+@pytest.mark.parametrize("goal", [[1.0, 2.0], "here", None])
+def test_goals_of_a_strike_are_points_in_space(goal):
+    with pytest.raises(InputError, match="target_xyz"):
+        STRIKE.goals(SETUP, goal)
+    with pytest.raises(TargetError, match="not finite"):
+        STRIKE.goals(SETUP, [0.0, np.inf, 0.0])

@@ -295,6 +295,8 @@ class Cast:
     def read(self, task: Task, table: Workspace | None = None) -> NDArray[np.float64]:
         """Return the outcome of the cast in a task, shape [k]; NaN for a cast without one.
 
+        It is that at the goal of the cast, if it was aimed in this task.
+
         With a table, a cast that left it has the outcome of its path to the edge: the free end is
         taken to have gone on from where it was seen last as it moved there.
         """
@@ -303,7 +305,11 @@ class Cast:
             path = self.track.endpoint_xy
         elif self.status is TrialStatus.OFF_TABLE and table is not None:
             path = _path_to_edge(self.track.endpoint_xy, table)
-        return np.full(len(task.coordinates), np.nan) if path is None else task.outcome(path)
+        if path is None:
+            return np.full(len(task.coordinates), np.nan)
+        if self.goal is not None and self.goal.task is task:
+            return task.outcome_at(path, self.goal.value)
+        return task.outcome(path)
 
     @property
     def goal(self) -> Goal | None:

@@ -59,6 +59,13 @@ class Task(abc.ABC):
     def outcome(self, path_xy: Array) -> Array:
         """Return the outcome of paths of the free end [m], shape [..., step, 2]; NaN for none."""
 
+    def outcome_at(self, path: Array, value: ArrayLike) -> Array:
+        """Return the outcome of paths aimed at a value, shape [k].
+
+        It is `outcome`, unless what counts of a path depends on what it was aimed at.
+        """
+        return self.outcome(path)
+
     @abc.abstractmethod
     def lost(self, path_xy: Array, setup: Setup) -> NDArray[np.bool_]:
         """Return which paths [m], shape [..., step, 2], have no outcome that counts, [...]."""
@@ -210,6 +217,135 @@ class Landing(Task):
         """Return which paths end off the table, or unseen, shape [...]."""
         return ~setup.workspace.on_table(self.outcome(path_xy))
 
+
+def closest(path: ArrayLike, point: ArrayLike) -> tuple[Array, Array]:
+    """Return how near paths come to a point, and where on them.
+
+    Args:
+        path: Paths as polylines, NaN where they are not known, shape [..., step, d].
+        point: Point, shape [d].
+
+    Returns:
+        Distance [m], shape [...], infinite for a path of no known piece, and the number of the step
+        before the closest point plus the way to the next one, shape [...].
+    """
+    path = np.asarray(path)
+    offset = path - np.asarray(point, dtype=path.dtype)
+    start, way = offset[..., :-1, :], np.diff(offset, axis=-2)
+    length = np.sum(way * way, axis=-1)
+    along = -np.sum(start * way, axis=-1) / np.maximum(length, 1e-12)
+    along = np.clip(along, 0.0, 1.0)
+    square = np.sum((start + along[..., None] * way) ** 2, axis=-1)
+    square = np.where(np.isnan(square), np.inf, square)
+    step = np.argmin(square, axis=-1)[..., None]
+    square, along = (np.take_along_axis(v, step, axis=-1)[..., 0] for v in (square, along))
+    # The first step of a path of no known piece.
+    return np.sqrt(square), step[..., 0] + np.nan_to_num(along)
+
+
+class Strike(Task):
+    """The free end passes a point in the air, at any time before the cable touches something.
+
+    What counts of a path, NaN from the first contact on, is its point closest to the goal.
+    """
+
+    name = "strike"
+    coordinates = ("x", "y", "z")
+    mirror = (-1.0, 1.0, 1.0)
+
+    def scale(self, setup: Setup) -> Array:
+        """Return the length of the cable for x, y and z [m], shape [3]."""
+        return np.full(3, setup.cable.length)
+
+    def values(
+        self, setup: Setup, value: ArrayLike | None = None, **forms: ArrayLike | None
+    ) -> Array:
+        """Check goals x, y, z [m], shape [3] or [goal, 3], and return them, shape [goal, 3].
+
+        Which of them a move can strike, `StrikePrior` knows.
+        """
+        if forms or value is None:
+            raise InputError("a strike is given as target_xyz")
+        goals = np.atleast_2d(_numbers("target_xyz", value))
+        if goals.ndim != 2 or goals.shape[1] != 3:
+            raise InputError(
+                f"target_xyz has shape {np.shape(value)}: it must be [3] or [target, 3]"
+            )
+        for xyz in goals:
+            if not np.all(np.isfinite(xyz)):
+                raise TargetError(f"target ({xyz[0]}, {xyz[1]}, {xyz[2]}) is not finite")
+        return goals
+
+    def outcome(self, path_xy: Array) -> Array:
+        """Raise an error: a path has an outcome at a goal only, see `outcome_at`."""
+        raise InputError("what counts of a strike depends on its goal: a path alone has no outcome")
+
+    def outcome_at(self, path: Array, value: ArrayLike) -> Array:
+        """Return the points of paths [m], [..., step, 3], closest to a goal [m], shape [3]."""
+        start, way, share = self._piece(path, value)
+        return start + share[..., None] * way
+
+    def arrival(self, path: Array, value: ArrayLike, dt: float) -> Array:
+        """Return the velocity at the closest points [m/s], shape [..., 3].
+
+        Arguments are those of `outcome_at`, and the time between steps [s].
+        """
+        return self._piece(path, value)[1] / dt
+
+    def _piece(self, path: Array, value: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return start and way of the pieces closest to a goal, and the share of it before; NaN."""
+        distance, place = closest(path, value)
+        before = np.minimum(place.astype(int), path.shape[-2] - 2)
+        start, end = (
+            np.take_along_axis(path, step[..., None, None], axis=-2)[..., 0, :]
+            for step in (before, before + 1)
+        )
+        start = np.where(np.isfinite(distance)[..., None], start, np.nan)
+        return start, end - start, place - before
+
+    def lost(self, path_xy: Array, setup: Setup) -> NDArray[np.bool_]:
+        """Return which paths were never seen, shape [...]."""
+        return np.asarray(~np.isfinite(path_xy).all(axis=-1).any(axis=-1))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Arrival:
+    """How a tip is to arrive at the goal of a strike: in a direction, and fast enough.
+
+    Called with a path of the tip [m], shape [step, 3], it returns what is missing as a distance
+    [m], which counts beside the miss.
+
+    Attributes:
+        goal: Goal [m], shape [3].
+        direction: Direction of arrival, of any length, shape [3].
+        dt: Time between the steps of a path [s].
+        within_deg: Angle between both directions up to which nothing is missing [deg].
+        least_speed: Speed from which on nothing is missing [m/s].
+        scale: Distance that an angle of twice `within_deg`, or no speed at all, counts as [m].
+    """
+
+    goal: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    dt: float
+    within_deg: float = 10.0
+    least_speed: float = 1.0
+    scale: float = 0.05
+
+    def __call__(self, path: Array) -> float:
+        """Return what is missing [m]; the scale for a path that was never seen."""
+        velocity = STRIKE.arrival(path, self.goal, self.dt)
+        speed = float(np.linalg.norm(velocity))
+        if not np.isfinite(speed) or speed == 0.0:
+            return self.scale
+        wanted = np.array(self.direction) / np.linalg.norm(self.direction)
+        angle = float(np.degrees(np.arccos(np.clip(velocity @ wanted / speed, -1.0, 1.0))))
+        turned = max(angle / self.within_deg - 1.0, 0.0)
+        slow = max(1.0 - speed / self.least_speed, 0.0) if self.least_speed > 0.0 else 0.0
+        return self.scale * (turned + slow)
+
+
+STRIKE = Strike()
+"""The task of rope whipping: to pass a point in the air."""
 
 LANDING = Landing()
 """The task of the paper."""
