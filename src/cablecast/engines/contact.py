@@ -30,15 +30,21 @@ def first_contact(
     rod_count = ends.shape[2]
     radii = np.broadcast_to(np.asarray(radii, dtype=float), rod_count)
     first_nodes = np.broadcast_to(first_node, rod_count)
-    reach = np.broadcast_to(np.asarray(cable_radius, dtype=float), len(nodes))[:, None, None]
+    reach = np.broadcast_to(np.asarray(cable_radius, dtype=float), len(nodes))
     touches = np.zeros(nodes.shape[:2], dtype=bool)
     for rod, (radius, first) in enumerate(zip(radii, first_nodes, strict=True)):
-        start, end = ends[:, :, None, rod, 0], ends[:, :, None, rod, 1]
-        axis = end - start
-        offset = nodes[:, :, first:] - start
+        start, end = ends[:, :, rod, 0], ends[:, :, rod, 1]
+        middle, half = 0.5 * (start + end), 0.5 * np.linalg.norm(end - start, axis=-1)
+        # Few nodes are within the ball about a capsule.
+        offset = nodes[:, :, first:] - middle[:, :, None]
+        ball = (half + radius + reach[:, None])[..., None]
+        near = np.nonzero(np.einsum("wsnx,wsnx->wsn", offset, offset) < ball**2)
+        row = (np.minimum(near[0], len(ends) - 1), near[1])
+        axis = (end - start)[row]
         square = np.maximum(np.sum(axis * axis, axis=-1), 1e-18)
-        along = np.clip(np.sum(offset * axis, axis=-1) / square, 0.0, 1.0)
-        distance = np.linalg.norm(offset - along[..., None] * axis, axis=-1)
-        touches |= np.any(distance < radius + reach, axis=-1)
+        way = np.sum(axis * offset[near], axis=-1) / square
+        apart = offset[near] - np.clip(way, -0.5, 0.5)[:, None] * axis
+        hit = np.linalg.norm(apart, axis=-1) < radius + reach[near[0]]
+        touches[near[0][hit], near[1][hit]] = True
     steps = np.argmax(touches, axis=1)
     return np.where(touches.any(axis=1), steps, nodes.shape[1])
