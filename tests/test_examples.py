@@ -25,6 +25,7 @@ BUDGETS = {
         "candidate_count": 300,
     },
     # A tenth of these casts come after the learner began to learn.
+    "09_strike.py": {"move_count": 64, "cable_count": 3, "tries": 2},
     "06_reinforcement_learning.py": {"casts": 220, "targets": 4, "candidate_count": 300},
 }
 # Words that only a finished run prints in its last line.
@@ -37,6 +38,7 @@ LAST_WORDS = {
     "06_reinforcement_learning.py": "forward model:",
     "07_fit_my_cable.py": "replay.mp4",
     "08_two_grippers.py": "catenary 0.245 N and",
+    "09_strike.py": "1.10 m it was",
 }
 # Examples that need an input, which a tool makes.
 FILMS = "07_fit_my_cable.py"
