@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from benchmarks.result import (
+    AIR,
     FOLDER,
     LABORATORY,
     LEARNING,
@@ -97,6 +98,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     ),
     "arms": ("arms:arms", LEARNING, "arms of other makers: time of candidates, and hits"),
     "labs": ("labs:labs", (*LEARNING, "pipeline/check"), "random laboratories: run or refused"),
+    "irp": ("irp:main", AIR, "strikes in the air on the benchmark of Iterative Residual Policy"),
     "reproduce": (
         "reproduction:main",
         PAPER,
@@ -138,6 +140,8 @@ QUOTED: dict[str, tuple[str, float]] = {
     "stability": ("stability", 0.25),
     "mocap": ("mocap --data DIR", 1.0),
     "light": ("light", 0.5),
+    "irp": ("irp --goals 7", 0.5),
+    "irp-rows": ("irp --rows image --goals 1 --tries 6", 0.3),
 }
 """Command and expected hours on two cores of each run that a page quotes, in order of worth."""
 

@@ -331,6 +331,29 @@ def repeats(result: Result) -> str:
     return Table("", columns, rows).markdown()
 
 
+SHOWN_TRIES = (0, 1, 2, 3, 7, 15)
+"""Tries whose errors a page shows."""
+
+
+def strikes(result: Result) -> str:
+    """Return a row for each kind of rope and method: errors of some tries [cm].
+
+    Published methods are shown beside all goals only.
+    """
+    records = [row for row in result.tables[0].records() if row["try"] in SHOWN_TRIES]
+    if result.name != "irp":
+        records = [row for row in records if row["distance"] is not None]
+    heads = [(number,) for number in dict.fromkeys(row["try"] for row in records)]
+
+    def cell(row: dict[str, Any]) -> str:
+        error = f"{row['mean']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
+        return error if row["distance"] is None else f"{error}; {row['distance']:.2f}"
+
+    rows = pivot(records, ("kind", "method", "goals"), ("try",), heads, cell)
+    columns = ("ropes", "method", "goals", *(f"try {number}" for (number,) in heads))
+    return Table("", columns, rows).markdown()
+
+
 VIEWS: dict[str, Callable[[Result], str]] = {
     "effects": effects,
     "tries": tries,
@@ -344,6 +367,7 @@ VIEWS: dict[str, Callable[[Result], str]] = {
     "figures": figures,
     "carries": carries,
     "repeats": repeats,
+    "strikes": strikes,
 }
 
 
@@ -354,8 +378,16 @@ def drawn_misses(result: Result) -> bytes:
     return draw(result.tables[0].records())
 
 
+def drawn_strikes(result: Result) -> bytes:
+    """Draw errors of strikes against tries."""
+    from benchmarks.irp import draw
+
+    return draw(result.tables[0].records())
+
+
 FIGURES: dict[str, tuple[str, Callable[[Result], bytes]]] = {
     "docs/images/casts.png": ("ten-casts", drawn_misses),
+    "docs/images/irp.png": ("irp", drawn_strikes),
 }
 """Result and drawing of each figure that is drawn from a result, by its path."""
 

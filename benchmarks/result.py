@@ -36,6 +36,15 @@ LABORATORY = (*ENGINE, "motion", "arm", "rigs/virtual")
 PAPER = (*LABORATORY, "tuning", "learning", "evaluation")
 """What `cablecast reproduce` depends on: it does not aim."""
 LEARNING = (*LABORATORY, "tuning", "learning", "aiming")
+AIR = (
+    *ENGINE,
+    "engines/contact",
+    "engines/swing",
+    "motion/joint_move",
+    "tuning/tips",
+    "aiming/strike",
+)
+"""Strikes in the air."""
 ROBOT = ("rigs/arm", "rigs/driver", "rigs/path", "rigs/ur")
 SIGHT = ("camera", "vision", "rigs/virtual")
 
