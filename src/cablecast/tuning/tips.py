@@ -182,7 +182,7 @@ def fit_tips(
         steps: Largest number of steps from each.
         seed: Seed of the draws.
     """
-    fit = _Fit(model, belief, swings)
+    fit = _TipFit(model, belief, swings)
     points = belief.draw(draw_count, np.random.default_rng(seed))
     if known is not None:
         points = np.concatenate([known, points])
@@ -226,7 +226,7 @@ def fit_tips(
     )
 
 
-class _Fit:
+class _TipFit:
     """F and its derivatives.
 
     Args:
