@@ -71,9 +71,12 @@ def lesson(slippery, tmp_path_factory):
     return collect_dataset(folder, slippery, SETUP, purpose="tune", actions=ACTION)
 
 
+CONFIG = cc.AimConfig(within_pct=0.01, tries=9, polar=False)
+
+
 def session_of(tuned, *, fitted_count=0, **given):
     model = Beliefs(policy=make_policy(), tuned=tuned, fitted_to=fitted_count)
-    return cc.AimSession(model, config=cc.AimConfig(within_pct=0.01, tries=9), **given)
+    return cc.AimSession(model, config=CONFIG, **given)
 
 
 def test_simulators_that_learned_from_a_cast_land_it_and_another_nearer_to_it(

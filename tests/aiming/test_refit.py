@@ -23,7 +23,11 @@ pytest.importorskip("matplotlib")
 
 COARSE = {"segment_count": 10, "dt": 2e-3}
 SEARCH = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
-SMALL = {"calibration_count": 3, "simulated_count": 120, "candidate_count": 200, "epochs": 2}
+SMALL = {
+    **{"calibration_count": 3, "simulated_count": 120, "candidate_count": 200, "epochs": 2},
+    # Simulators are fitted to sweeps.
+    "polar": False,
+}
 QUICK = SimulatorConfig(fit=SEARCH, spread_count=3, **COARSE)
 SETUP = cc.Setup()
 TARGETS = np.array([[0.3, 1.1], [-0.2, 1.1]])
@@ -32,7 +36,7 @@ TARGETS = np.array([[0.3, 1.1], [-0.2, 1.1]])
 # A session as small as SMALL, from the command line.
 COMMAND = (
     *("--rig", "engine", "--simulated-count", "120", "--candidate-count", "300", "--epochs", "2"),
-    *("--within-pct", "0.01"),
+    *("--within-pct", "0.01", "--no-polar"),
 )
 
 

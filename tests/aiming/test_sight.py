@@ -15,7 +15,7 @@ GRIP_XY = PATH.evaluate(PATH.duration[:, None])[:, 0, :2]
 
 
 def chance(landing_xy, deviation, sight=None):
-    return lost_chance(ACTIONS, landing_xy, np.array([deviation]), SETUP, sight)[0]
+    return lost_chance(PATH, landing_xy, np.array([deviation]), SETUP, sight)[0]
 
 
 def test_a_landing_below_the_forearm_is_hidden_and_one_beyond_the_gripper_is_seen():
@@ -29,7 +29,7 @@ def test_the_less_sure_a_landing_is_the_less_surely_it_is_hidden():
 
 
 def test_an_arm_that_cannot_follow_hides_nothing():
-    beyond = ACTIONS + [0.0, 0.0, 0.9, 0.0]
+    beyond = cast_grip_paths(ACTIONS + [0.0, 0.0, 0.9, 0.0], SETUP)
     assert lost_chance(beyond, GRIP_XY, np.array([0.01]), SETUP) == 0.0
 
 

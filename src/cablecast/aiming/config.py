@@ -45,6 +45,9 @@ class AimConfig:
     fast: bool = False
     """Only the paper's motions, each as fast as its limits allow. Calm ones of the same paths take
     some seconds longer and repeat better, so they are chosen where they reach."""
+    polar: bool = True
+    """Make polar casts, too, where they are calmer than sweeps: they lift the cable, swing it out,
+    and pull it slowly along the table, which takes 20 s. --fast makes none."""
     seed: int = 0
     """Seed of all random numbers."""
     device: Literal["cpu", "cuda"] = "cpu"
@@ -63,7 +66,7 @@ class AimConfig:
         check_count("epochs", self.epochs, 1, COUNT_MAX)
         check_count("candidate_count", self.candidate_count, 1, COUNT_MAX)
         check_seed(self.seed)
-        for name in ("force", "refit", "fast"):
+        for name in ("force", "refit", "fast", "polar"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{name} = {getattr(self, name)!r} must be True or False")
 

@@ -205,7 +205,9 @@ class AimSession:
 
         So a session that is opened again goes on as if it had never been closed.
         """
-        self.predictor = LandingPredictor.of(self.model, polar=not self.config.fast)
+        self.predictor = LandingPredictor.of(
+            self.model, polar=self.config.polar and not self.config.fast
+        )
         self.drifted = False
         self._scaled_count = 0
         self._local: tuple[tuple, LandingPredictor] | None = None

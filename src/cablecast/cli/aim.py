@@ -54,6 +54,7 @@ _MODEL_OPTIONS = {
         "epochs",
         "candidate_count",
         "fast",
+        "polar",
         "seed",
         "device",
     ),

@@ -33,6 +33,7 @@ LAWS: dict[str, str] = {
     "attachment_arm": "2/3 of the attachment's length: a uniform rod, clamped by the cable's end",
     "yield_time": "within this time, all but 1/e of it",
     "attachment_friction_ratio": "Coulomb coefficient of the attachment over that of the cable",
+    "drag_ratio": "drag along the cable over that across it at the same speed",
 }
 """Law of each parameter, in the order of `PARAMS`."""
 

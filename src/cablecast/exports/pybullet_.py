@@ -146,6 +146,7 @@ def dropped(model: CableModel) -> list[str]:
         "twist is not damped, and segments are as inert about their axis as across it, so that the "
         "cable rolls less.",
     ]
-    if model.value("drag_coefficient"):
-        lines.append("drag_coefficient: left out.")
+    lines += [
+        f"{name}: left out." for name in ("drag_coefficient", "drag_ratio") if model.value(name)
+    ]
     return lines
