@@ -210,7 +210,8 @@ def _view_command(options: Aim) -> str:
         if field.name in _MODEL_OPTIONS and (value := getattr(options, field.name)) != field.default
     }
     given = "".join(
-        f" --{name.replace('_', '-')}" + f" {shlex.quote(str(value))}" * (value is not True)
+        f" --{'no-' * (value is False)}{name.replace('_', '-')}"
+        + f" {shlex.quote(str(value))}" * (not isinstance(value, bool))
         for name, value in same.items()
         if value is not None
     )
