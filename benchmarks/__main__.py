@@ -84,6 +84,11 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         (*LABORATORY, "tuning", "exports"),
         "exported cables in other simulators, against measured casts",
     ),
+    "laws": (
+        "replay:laws",
+        (*LABORATORY, "tuning", "exports"),
+        "exported chain of MuJoCo against EngineWarp, by the effect",
+    ),
     "hand": (
         "hand:main",
         (*PHYSICS, "data", "tuning", "exports/facts"),
@@ -127,6 +132,8 @@ QUOTED: dict[str, tuple[str, float]] = {
     "reproduce-labs": ("reproduce --quick --cables cable_1 --labs 0 1 2", 1.0),
     "uneven": ("uneven", 0.3),
     "replay": ("replay", 0.3),
+    "laws": ("laws", 0.1),
+    "hand": ("hand", 0.3),
     "effects": ("effects --count 10", 0.3),
     "validation": ("validation", 0.2),
     "faults": ("faults", 1.5),

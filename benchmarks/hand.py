@@ -62,8 +62,8 @@ class Args:
 
 
 def made_cables(cable: Cable, count: int, seed: int) -> list[Cable]:
-    """Return cables drawn from what is believed of one."""
-    space = SearchSpace.for_cable(cable)
+    """Return cables drawn from what is believed of one, its material included."""
+    space = SearchSpace.for_cable(cable, FitConfig().materials)
     points = ParamPrior.for_cable(cable, space).draw(count + 1, seed)[1:]
     return [cable.with_params(space.to_params(point)) for point in points]
 

@@ -5,8 +5,8 @@ is loaded by its own simulator, whose grip then moves as the arm was measured to
 of the free end from the measured one stands beside that of the package's engine.
 
 What a simulator leaves out is left out of the package's engine, too: the growth of its distance is
-what the effect is worth. MuJoCo's friction is compared with ours alone, on a cable with the same
-physics in both, without friction, sliding, and sliding and rolling.
+what the effect is worth. `laws` compares the exported chain with ours on a cable with the same
+physics in both, with one effect after the other: what MuJoCo plays otherwise grows apart.
 """
 
 import abc
@@ -319,12 +319,14 @@ PURE = {
     **{name: value for values in LEFT_OUT.values() for name, value in values.items()},
     **dict.fromkeys(("rolling_friction", "spinning_friction"), 0.0),
 }
-LAW_COLUMNS = ("friction", "coefficient", "chain from EngineWarp [%]")
+LAW_COLUMNS = ("effect", "chain from EngineWarp, median [%]", "largest [%]")
+LAW_DAMPING_TIME = 0.01
+"""Damping time of the cable whose effects are compared [s]."""
 LAW_TIME = 1.1
 """Time over which frictions are compared [s]; later small differences decide where a cable goes."""
 
 
-def fitted_cable(name: str, args: Args) -> tuple[Dataset, Tuned]:
+def fitted_cable(name: str, args: Any) -> tuple[Dataset, Tuned]:
     """Return casts of a virtual laboratory, and the fit to them."""
     folder = args.out / f"{name}-{args.lab}-{args.fitted}"
     setup = cc.Setup(cable=name)
@@ -380,7 +382,7 @@ def row(
 
 
 def main(args: Args) -> Iterator[Table]:
-    """Yield the distances of each simulator, what each effect is worth, and MuJoCo's friction."""
+    """Yield the distances of each simulator, and what each effect is worth."""
     replays = Table("Distance from the measured casts, in % of cable length", COLUMNS, [])
     columns = ("cable", "left out of EngineWarp", "on the way, median [%]", "over all of them")
     effects = Table("What an effect is worth", columns, [])
@@ -412,37 +414,65 @@ def main(args: Args) -> Iterator[Table]:
         found = TrackObjective(coarse, cable, tracks).distances(tuned.params)
         median = 100 * float(np.nanmedian(found.mean)) / cable.length
         effects.rows.append((name, f"segments, but for {COARSE}", median, median / own))
-        if name == args.cables[0]:
-            law = friction_law(tuned, tracks[:1])
-    yield from (replays, effects, law)
+    yield from (replays, effects)
 
 
-def friction_law(tuned: Tuned, tracks: MeasuredTracks) -> Table:
-    """Return the distance of the chain from EngineWarp with the same physics, by its friction."""
-    rows = []
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LawArgs:
+    """Compare the exported chain with EngineWarp, with one effect after the other.
+
+    Attributes:
+        cable: Name of the cable.
+        lab: Seed of the virtual laboratory.
+        fitted: Casts that the cable is fitted to.
+        played: The first of them, which are played.
+        out: Folder of casts and fits.
+    """
+
+    cable: str = "cable_1"
+    lab: int = 0
+    fitted: int = 10
+    played: int = 3
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/replay")
+
+
+ADDED: dict[str, tuple[str, ...]] = {
+    "sliding friction alone": (),
+    "grain of the friction": ("friction_ratio",),
+    "bends that stay": ("yield_curvature",),
+    "length of the attachment": ("attachment_arm",),
+    "drag of the air": ("drag_coefficient",),
+    "spinning friction": ("spinning_friction",),
+}
+"""Parameters of the fit that are added to sliding friction, by the effect's name."""
+
+
+def laws(args: LawArgs) -> Iterator[Table]:
+    """Yield the distance of the chain from EngineWarp with the same physics, by the effect."""
+    casts, tuned = fitted_cable(args.cable, args)
+    tracks = MeasuredTracks.from_dataset(casts, count=args.played)
     samples = int((tracks.times[0] <= LAW_TIME).sum())
     short = dataclasses.replace(
         tracks, times=tracks.times[:, :samples], endpoint_xy=tracks.endpoint_xy[:, :samples]
     )
-    bare = dataclasses.replace(tuned.params, **(PURE | {"damping_time": 0.01}))
-    lateral = float(np.asarray(bare.lateral_friction))
-    for name, factor, rolls in (
-        ("none", 0.0, True),
-        ("sliding", 1.0, False),
-        ("sliding and rolling, half as large", 0.5, True),
-        ("sliding and rolling", 1.0, True),
-    ):
-        params = dataclasses.replace(
-            bare,
-            lateral_friction=factor * lateral,
-            rolling_friction=0.0 if rolls else mujoco_.NO_ROLLING,
-        )
+    sliding = {"damping_time": LAW_DAMPING_TIME, "rolling_friction": mujoco_.NO_ROLLING}
+    bare = dataclasses.replace(tuned.params, **(PURE | sliding))
+    cases = {"no friction": dataclasses.replace(bare, lateral_friction=0.0)}
+    for name, added in ADDED.items():
+        values = {parameter: getattr(tuned.params, parameter) for parameter in added}
+        cases[name] = dataclasses.replace(bare, **values)
+    cases["rolling"] = dataclasses.replace(bare, rolling_friction=0.0)
+    rows = []
+    for name, params in cases.items():
         cable = tuned.setup.cable.with_params(params)
-        xml = mujoco_.chain_xml(CableModel(cable=cable, segment_count=20), rolls=rolls)
+        model = CableModel(cable=cable, segment_count=COARSE)
+        chain = ReplayChain(mujoco_.chain_xml(model, rolls=name == "rolling"))
         tips = [
             TrackObjective(engine, cable, short).tracks_of(params)[0][0, :, :-1]
-            for engine in (ReplayChain(xml), make_engine("warp"))
+            for engine in (chain, make_engine("warp", COARSE))
         ]
-        apart = 100 * np.linalg.norm(tips[0] - tips[1], axis=-1) / cable.length
-        rows.append((name, float(np.asarray(params.friction)), float(np.median(apart[:, -1]))))
-    return Table(f"The chain from EngineWarp after {LAW_TIME:g} s", LAW_COLUMNS, rows)
+        apart = 100 * np.linalg.norm(tips[0] - tips[1], axis=-1)[:, -1] / cable.length
+        rows.append((name, float(np.median(apart)), float(apart.max())))
+        print(*rows[-1], file=sys.stderr, flush=True)
+    title = f"The chain from EngineWarp after {LAW_TIME:g} s, {COARSE} segments in both"
+    yield Table(title, LAW_COLUMNS, rows)

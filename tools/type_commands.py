@@ -60,6 +60,7 @@ PAGES = (
 
 ELSEWHERE = {
     "make test": "continuous integration",
+    "python tools/make_casts.py casts": "an hour; tests/test_make_casts.py, smaller",
     "cablecast reproduce": "days; tests/pipeline/test_reproduce.py, smaller",
     "cablecast reproduce --quick": "an hour; python -m benchmarks reproduce --quick",
     "cablecast reproduce --quick --engine pybullet": (
