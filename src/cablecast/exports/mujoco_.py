@@ -204,6 +204,8 @@ def _dropped_by_chain(model: CableModel) -> list[str]:
         lines.append(f"damping_time is {CHAIN_DT:g} s: an undamped chain breaks where it whips.")
     else:
         lines.append("damping_time: Kelvin's and Voigt's solid, without the limit of fast motions.")
+    if value("drag_ratio"):
+        lines.append("drag_ratio: left out.")
     if value("yield_curvature"):
         lines.append("yield_curvature acts on bends to the side and up and down each for itself.")
     return lines
