@@ -133,6 +133,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "uneven": ("uneven", 0.3),
     "replay": ("replay", 0.3),
     "laws": ("laws", 0.1),
+    "hand": ("hand", 0.3),
     "effects": ("effects --count 10", 0.3),
     "validation": ("validation", 0.2),
     "faults": ("faults", 1.5),
