@@ -147,8 +147,8 @@ QUOTED: dict[str, tuple[str, float]] = {
     "stability": ("stability", 0.25),
     "mocap": ("mocap --data DIR", 1.0),
     "light": ("light", 0.5),
-    "irp": ("irp --goals 7", 0.5),
-    "irp-rows": ("irp --rows image --goals 1 --tries 6", 0.3),
+    "irp": ("irp --goals 12", 0.7),
+    "irp-rows": ("irp --rows image noise fit prior impulse --goals 1 --tries 6", 0.3),
 }
 """Command and expected hours on two cores of each run that a page quotes, in order of worth."""
 
