@@ -365,5 +365,5 @@ def draw(rows: Iterable[Mapping[str, Any]]) -> bytes:
             axis.set(title=kind, xlabel="try", yscale="log")
             axis.grid(axis="y", color=style.FAINT)
         axes[0].set(ylabel="mean error by the pixel metric [cm]")
-        axes[1].legend(fontsize=6, loc="center right")
+        axes[1].legend(fontsize=6, loc="lower right", bbox_to_anchor=(1.0, 0.1))
         return style.png_bytes(figure)
