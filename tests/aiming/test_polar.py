@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
+import cablecast as cc
 from cablecast.aiming.polar import AMPLITUDES, SCATTER, PolarLandings
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
@@ -100,3 +101,14 @@ def test_a_polar_cast_is_kept_and_read_again(landings, tmp_path):
     assert np.isnan(kept.sweep).all()
     assert store.sweeps == []
     np.testing.assert_array_equal(kept.final_xy, proposal.goal.value)
+
+
+def test_a_polar_cast_far_off_says_nothing_of_how_well_sweeps_are_predicted(landings):
+    session = cc.AimSession(make_policy())
+    before = session.propose(FAR)
+    assert isinstance(before.action, Action)
+    polar = dataclasses.replace(proposal_of(landings, WILD), number=0)
+    track = EndpointTrack(times=np.zeros(1), endpoint_xy=FAR[None] + 0.4, status=TrialStatus.OK)
+    session.observe(polar, track)
+    assert session.casts[0].square > 9.0
+    assert session.propose(FAR).expected.law == before.expected.law

@@ -12,6 +12,7 @@ advantage to others.
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from cablecast.motion.action import ACTION_SIZE, mirror_actions, mirror_to_right
 from cablecast.motion.casting import Action, cast_grip_paths
 from cablecast.motion.feasibility import check_actions
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.polar import PolarCast
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, Goal, Landing, MissLaw, shell_points
 
@@ -79,7 +81,7 @@ def propose(
     *,
     number: int = 0,
     try_number: int = 1,
-    law: MissLaw | None = None,
+    laws: Mapping[str, MissLaw] | None = None,
     sight: CameraSight | None = None,
 ) -> Proposal:
     """Propose the cast with the least expected loss at a goal, never one made there before.
@@ -90,7 +92,8 @@ def propose(
         number: Number of the cast in its session.
         try_number: Number of the cast at this target. After the first, a small change of an earlier
             action nearly always wins, so fewer other candidates are simulated.
-        law: Law of the landing about the expected one; by default that before any miss.
+        laws: Law of the landing about the expected one by family of motions; that before any miss
+            if a family has none.
         sight: Limits of the camera's sight; None if unknown.
 
     Raises:
@@ -112,10 +115,10 @@ def propose(
     best = int(np.argmin(risk))
     within = max(goal.within_pct, COVERAGE_PCT)
     inside = bool(predictor.beliefs.policy.inside_coverage(goal.value, within))
-    law = law or MissLaw()
+    laws = laws or {}
     planned = functools.partial(Proposal, goal=goal, number=number, try_number=try_number)
     if predictor.polar is not None and (cast := predictor.polar.aimed_at(goal.value)) is not None:
-        expected = predictor.polar.expectation(cast, law)
+        expected = predictor.polar.expectation(cast, laws.get(PolarCast.family))
         deviation = np.sqrt(0.5 * np.trace(expected.covariance)).reshape(1)
         lost = lost_chance(cast.grip_path(setup), expected.mean[None], deviation, setup, sight)
         expected = dataclasses.replace(expected, failure=float(lost[0]))
@@ -135,7 +138,7 @@ def propose(
         expected=Expectation(
             mean=xy[0],
             covariance=covariance[0],
-            law=law,
+            law=laws.get(Action.family, MissLaw()),
             scatter=float(scatter[0]),
             failure=float(failure[best]),
         ),

@@ -377,19 +377,18 @@ class AimSession:
             if len(goals) != 1:
                 raise InputError(f"a proposal has one target, not {len(goals)}")
             goal = goals[0]
-        squares = [
-            cast.proposal.expected.law.scale * cast.square
-            for _, cast in self.active_casts()
-            if cast.proposal is not None
-        ]
+        # Motions of one family say nothing of how well those of another are predicted.
+        squares: dict[str, list[float]] = {}
+        for _, cast in self.active_casts():
+            if cast.proposal is not None and np.isfinite(cast.square):
+                square = cast.proposal.expected.law.scale * cast.square
+                squares.setdefault(cast.proposal.action.family, []).append(square)
         return propose(
             self.predictor_at(goal.value),
             goal,
             number=len(self.store),
             try_number=len(self.casts_at(goal.value)) + 1,
-            law=MissLaw.after(
-                (square for square in squares if np.isfinite(square)), len(goal.value)
-            ),
+            laws={name: MissLaw.after(own, len(goal.value)) for name, own in squares.items()},
             sight=self.sight,
         )
 
