@@ -45,6 +45,8 @@ def test_the_table_of_trials_has_one_row_per_cast(rows):
     assert tuple(rows[0]) == TRIAL_COLUMNS
     assert [row["status"] for row in rows] == ["ok", "off_table"]
     assert float(rows[0]["landed_y_m"]) == pytest.approx(0.962, abs=TENTH_OF_A_MILLIMETRE)
+    assert [row["motion"] for row in rows] == ["sweep", "sweep"]
+    assert rows[0]["polar_azimuth_deg"] == ""
     assert float(rows[0]["theta1_deg"]) == pytest.approx(np.degrees(-0.6), abs=1e-3)
     assert float(rows[0]["target_theta_deg"]) > 0 > float(rows[1]["target_theta_deg"])
 

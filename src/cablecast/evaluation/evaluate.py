@@ -18,6 +18,7 @@ from cablecast.errors import InputError
 from cablecast.files import write_csv
 from cablecast.learning.policy import Policy
 from cablecast.motion.casting import Action
+from cablecast.motion.polar import PolarCast
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import Rig, run_trials
 from cablecast.runs.progress import ProgressCallback, ignore
@@ -283,11 +284,15 @@ TRIAL_COLUMNS: tuple[str, ...] = (
     "target_r_m",
     "target_theta_deg",
     "inside_coverage",
+    "motion",
     "theta1_deg",
     "theta2_deg",
     "r2_m",
     "psi_deg",
     "pace",
+    "polar_azimuth_deg",
+    "polar_x_m",
+    "polar_y_m",
     "duration_s",
     "predicted_x_m",
     "predicted_y_m",
@@ -327,8 +332,9 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
     aimed_xy, repeat = evaluation.aimed_xy, evaluation.repeat
     for row, cast in enumerate(evaluation.casts):
         r, theta = xy_to_polar(aimed_xy[row])
-        # A motion without an action has empty cells.
+        # Parameters of other families are empty cells.
         theta1, theta2, r2, psi, pace = cast.sweep
+        polar = cast.action.to_array() if isinstance(cast.action, PolarCast) else np.full(3, np.nan)
         target = int(evaluation.target_index[row])
         values = (
             target,
@@ -336,8 +342,9 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
             *rounded_cells(aimed_xy[row]),
             *rounded_cells((r, math.degrees(theta))),
             str(bool(evaluation.inside_coverage[target])).lower(),
+            "" if cast.action is None else cast.action.family,
             *rounded_cells((math.degrees(theta1), math.degrees(theta2), r2, math.degrees(psi))),
-            *rounded_cells((pace, cast.duration)),
+            *rounded_cells((pace, math.degrees(polar[0]), *polar[1:], cast.duration)),
             *rounded_cells(evaluation.predicted_xy[row]),
             *rounded_cells(cast.final_xy),
             *rounded_cells((errors_pct[row], prediction_errors_pct[row])),
