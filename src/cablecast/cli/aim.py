@@ -17,6 +17,7 @@ from cablecast.cli.options import (
     RigName,
     TargetOptions,
     TimeLimit,
+    WithPolar,
     WithRefit,
     argument,
     load_lab,
@@ -86,6 +87,7 @@ class Aim(AimConfig, _Targets):
     setup: LabFile = None
     cable: CableName = None
     refit: WithRefit = True
+    polar: WithPolar = True
     casts: Annotated[pathlib.Path | None, argument("DIR", "made on the rig")] = None
     """Casts of this cable that `cablecast collect` recorded; with them the rig makes none before
     the first target."""

@@ -169,6 +169,15 @@ WithRefit = Annotated[
         "followed by as many again.",
     ),
 ]
+WithPolar = Annotated[
+    bool,
+    argument(
+        "",
+        "make them where they are calmer than sweeps",
+        "Make no polar casts: these lift the cable, swing it out, and pull it slowly along the "
+        "table, which takes 20 s. --fast makes none, either.",
+    ),
+]
 TimeLimit = Annotated[float, argument("S", text="Time limit of a reset or a cast [s].")]
 Workers = Annotated[
     str,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cablecast.aiming.config import AimConfig
-from cablecast.cli.options import CableName, LabFile, RigName, TimeLimit, argument
+from cablecast.cli.options import CableName, LabFile, RigName, TimeLimit, WithPolar, argument
 
 if TYPE_CHECKING:
     from cablecast.setup import Setup
@@ -29,6 +29,7 @@ class View(AimConfig):
     cable: CableName = None
     rig: RigName = "virtual"
     refit: tyro.conf.Suppress[bool] = True
+    polar: WithPolar = True
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/aim")] = None
     """Folder of the session, which `cablecast aim` goes on with."""
     time_limit: TimeLimit = 120.0

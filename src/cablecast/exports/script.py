@@ -16,7 +16,8 @@ def script(module: str, lines: Sequence[str], values: Mapping[str, Any]) -> str:
         lines: Its docstring, line by line.
         values: Numbers that the code finds as `VALUES`.
     """
-    code = importlib.resources.files("cablecast.exports").joinpath(f"{module}.py").read_text()
+    file = importlib.resources.files("cablecast.exports").joinpath(f"{module}.py")
+    code = file.read_text(encoding="utf-8")
     # Its own docstring gives way to that of the script.
     code = code.split('"""', 2)[2].lstrip()
     numbers = pprint.pformat(_rounded(dict(values)), width=98, compact=True, sort_dicts=False)
