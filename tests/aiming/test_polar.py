@@ -69,6 +69,17 @@ def test_one_cast_teaches_itself_and_its_neighbours(landings):
     assert corrected != cast
 
 
+def test_a_cast_that_was_lost_is_not_made_again(landings):
+    cast = landings.aimed_at(FAR)
+    track = EndpointTrack(
+        times=np.zeros(1), endpoint_xy=np.full((1, 2), np.nan), status=TrialStatus.OCCLUDED
+    )
+    lost = Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose="aim")
+    after = landings.with_casts([lost])
+    assert after.aimed_at(FAR) is None
+    assert after.aimed_at(polar_to_xy([1.2, -0.2])) is not None
+
+
 def proposal_of(landings, scales):
     """Return what is proposed for a far target where sweeps have some scales."""
     predictor = dataclasses.replace(

@@ -43,6 +43,8 @@ up to 3 % where the gripper comes down straight ahead and hardly pulls."""
 # Steps of the aim point towards the one that is expected on the target, and the distance from it
 # at which they end [m].
 _STEPS, _CLOSE = 4, 0.002
+# Distance of two casts in units of `SCALES` below which they are alike.
+_SAME = 0.05
 # Errors that the belief about their size is worth.
 _BELIEVED = 4.0
 
@@ -59,6 +61,7 @@ class PolarLandings:
         engine: Engine that simulates it.
         reach: Places to which they bring a straight cable's end.
         casts: Polar casts that landed.
+        lost: Polar casts that did not; none is made again.
     """
 
     setup: Setup
@@ -66,6 +69,7 @@ class PolarLandings:
     engine: Engine
     reach: PullReach
     casts: tuple[Cast, ...] = ()
+    lost: tuple[PolarCast, ...] = ()
     _known: dict[PolarCast, _Array] = dataclasses.field(default_factory=dict, repr=False)
 
     @classmethod
@@ -85,14 +89,19 @@ class PolarLandings:
         )
 
     def with_casts(self, casts: Sequence[Cast]) -> "PolarLandings":
-        """Return the landings after more casts, of which only polar ones that landed count."""
-        new = [cast for cast in casts if isinstance(cast.action, PolarCast) and cast.landed]
-        return dataclasses.replace(self, casts=(*self.casts, *new)) if new else self
+        """Return the landings after more casts, of which only polar ones count."""
+        new = [cast for cast in casts if isinstance(cast.action, PolarCast)]
+        if not new:
+            return self
+        landed = [cast for cast in new if cast.landed]
+        lost = [cast.action for cast in new if not cast.landed]
+        return dataclasses.replace(self, casts=(*self.casts, *landed), lost=(*self.lost, *lost))
 
     def aimed_at(self, target_xy: _Array) -> PolarCast | None:
         """Return the cast that is expected nearest to a target [m], shape [2].
 
-        None for a target beyond the reach, and where the arm cannot follow.
+        None for a target beyond the reach, where the arm cannot follow, and where a cast like it
+        was lost.
         """
         found: list[tuple[float, PolarCast]] = []
         aim_xy = target_xy
@@ -106,7 +115,11 @@ class PolarLandings:
                 if found[-1][0] < _CLOSE:
                     break
                 aim_xy = aim_xy + offset
-        return min(found, key=lambda one: one[0])[1] if found else None
+        if not found:
+            return None
+        best = min(found, key=lambda one: one[0])[1]
+        steps = [(best.to_array() - other.to_array()) / SCALES for other in self.lost]
+        return None if any(np.linalg.norm(step) < _SAME for step in steps) else best
 
     def expectation(self, cast: PolarCast, law: MissLaw | None = None) -> Expectation:
         """Return where a cast is expected to land.
