@@ -212,7 +212,7 @@ def test_a_pull_aside_brings_the_end_of_a_straight_cable_to_places_that_are_too_
 def test_a_place_that_a_pull_back_reaches_is_reached_by_it():
     xy = polar_to_xy([1.2, 0.5])
     cast = PULL.cast_to(xy)
-    assert cast == PolarCast.back_to(xy, SETUP)
+    assert cast == PolarCast.back_to(xy, REACH)
     np.testing.assert_allclose(PULL.end_xy(cast.to_array()), xy, atol=1e-9)
     one, other = cast.grip_path(SETUP), polar_cast_path(xy, SETUP)
     np.testing.assert_array_equal(one.coefficients, other.coefficients)

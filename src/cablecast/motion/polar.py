@@ -409,17 +409,13 @@ class PolarCast:
         )
 
     @classmethod
-    def back_to(cls, endpoint_xy: ArrayLike, setup: Setup) -> "PolarCast":
-        """Return the cast of the paper that brings the endpoint to a point of `PolarReach`.
+    def back_to(cls, endpoint_xy: ArrayLike, reach: PolarReach) -> "PolarCast":
+        """Return the cast of the paper that brings the endpoint to a point of its reach.
 
         Raises:
             InputError: The point lies elsewhere.
         """
-        reach = PolarReach.of(setup)
-        return cls._back_to(check_finite("target", endpoint_xy, 2), reach)
-
-    @classmethod
-    def _back_to(cls, endpoint_xy: Array, reach: PolarReach) -> "PolarCast":
+        endpoint_xy = check_finite("target", endpoint_xy, 2)
         # Rounding may put a point of the outline outside.
         if np.max(np.abs(reach.nearest(endpoint_xy) - endpoint_xy)) > 1e-6:
             x, y = endpoint_xy.tolist()
@@ -545,7 +541,7 @@ class PullReach:
     def cast_to(self, xy: Array) -> PolarCast | None:
         """Return the cast that brings the end of a straight cable to a place [m], shape [2]."""
         if self.back.contains(xy):
-            return PolarCast._back_to(xy, self.back)
+            return PolarCast.back_to(xy, self.back)
         grid, ends, turns = self._grid
         near = np.linalg.norm(ends - xy, axis=-1)
         close = near < _GRID_CLOSE
@@ -589,8 +585,8 @@ def polar_cast_path(
 ) -> GripPath:
     """Return the motion from the reset pose that brings the endpoint to a point of `PolarReach`."""
     config = config or PolarCastConfig.of(setup.workspace)
-    endpoint_xy = check_finite("target", endpoint_xy, 2)
-    return _cast_path(PolarCast._back_to(endpoint_xy, PolarReach.of(setup, config)), setup, config)
+    cast = PolarCast.back_to(endpoint_xy, PolarReach.of(setup, config))
+    return _cast_path(cast, setup, config)
 
 
 def plan_polar_cast(
@@ -602,9 +598,10 @@ def plan_polar_cast(
         InputError: The point lies outside the region.
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    path = polar_cast_path(endpoint_xy, setup, config)
-    cast = PolarCast.back_to(endpoint_xy, setup) if config is None else None
-    return follow(path, setup, "this polar cast", cast)
+    if config is not None:
+        return follow(polar_cast_path(endpoint_xy, setup, config), setup, "this polar cast")
+    cast = PolarCast.back_to(endpoint_xy, PolarReach.of(setup))
+    return follow(cast.grip_path(setup), setup, "this polar cast", cast)
 
 
 def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> GripPath:
