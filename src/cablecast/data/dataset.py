@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 import json
 import pathlib
 from collections.abc import Callable, Mapping
@@ -28,9 +29,8 @@ from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import CablecastError, DatasetError, InputError
 from cablecast.motion.action import ActionRanges, action_rows
 from cablecast.motion.casting import Action
-from cablecast.motion.families import motion_of
+from cablecast.motion.families import MOTIONS, motion_of
 from cablecast.motion.grip_path import CHANNELS
-from cablecast.motion.polar import PolarCast
 from cablecast.motion.trajectory import JointPath, Motion
 from cablecast.runs.folder import fingerprint
 from cablecast.setup import SECTIONS, Setup
@@ -179,7 +179,7 @@ class Dataset:
     def motion(self, row: int) -> Motion | None:
         """Return what the motion of one trial was planned from; None for one of no family."""
         columns: dict[str, float] = dict(zip(Action.parameters, self.actions[row], strict=True))
-        for name in PolarCast.parameters:
+        for name in itertools.chain.from_iterable(kind.parameters for kind in MOTIONS):
             if name in self.extra:
                 columns[name] = self.extra[name][row]
         return motion_of(columns)
