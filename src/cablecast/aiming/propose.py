@@ -153,9 +153,18 @@ def _polar_risk(proposal: Proposal, polar: PolarLandings) -> float:
     scatter = (expected.scatter / length) ** 2
     left = POLAR_LEFT * (variance - scatter) + 2.0 * scatter
     miss, lost = np.array([proposal.expected_miss]), np.array([expected.failure])
-    now = expected_loss(miss, np.array([variance]), lost)
-    later = expected_loss(miss, np.array([left]), lost, NEXT_NEAR)
-    return float(0.5 * now[0] + 0.5 * later[0]) + POLAR_COST
+    return float(_loss_of_both(miss, np.array([variance]), np.array([left]), lost)[0]) + POLAR_COST
+
+
+def _loss_of_both(
+    distance: _Array, variance: _Array, left: _Array, failure: _Array, dimension: int = 2
+) -> _Array:
+    """Return the mean of the expected losses of casts and of the next ones, [action].
+
+    `left` is the variance of the next ones [square cable lengths], the rest as in `expected_loss`.
+    """
+    loss = 0.5 * expected_loss(distance, variance, failure, dimension=dimension)
+    return loss + 0.5 * expected_loss(distance, left, failure, NEXT_NEAR, dimension)
 
 
 def _risks(
@@ -180,8 +189,7 @@ def _risks(
     lost = lost_chance(paths, rest_xy, length * np.sqrt(variance), setup, sight)
     seen = (1.0 - lost) * (1.0 - candidates.leaving)
     failure = 1.0 - seen * (1.0 - predictor.experience.failure_chance(places))
-    risk = 0.5 * expected_loss(distance, variance, failure, dimension=count)
-    risk += 0.5 * expected_loss(distance, left, failure, NEXT_NEAR, count)
+    risk = _loss_of_both(distance, variance, left, failure, count)
     margin = model.predict_margin(candidates.actions)
     # An action of an earlier cast may be beyond the arm's limits.
     feasible = check_actions(candidates.actions, setup).mask
