@@ -4,24 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.stick_moves import MOVES
 
 from cablecast.aiming.strike import StrikeAim, StrikePrior
-from cablecast.arm.ur import ArmUR
 from cablecast.engines.swing import SwingModel
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import TargetError
-from cablecast.motion.joint_move import JointMoves, Stick
 from cablecast.task import closest
 from cablecast.tuning.tips import TipBelief, air_cable
 
-MOVES = JointMoves(
-    arm=ArmUR(model="ur5"),
-    stick=Stick(length=0.5),
-    start=tuple(np.radians([0.0, -70.0, 150.0, -170.0, -90.0, 0.0]).tolist()),
-    joints=(2, 3),
-    low=(1.0, *np.radians([-60.0, 60.0])),
-    high=(3.0, *np.radians([-180.0, -120.0])),
-)
 COARSE = EngineWarp(segment_count=14, dt=1e-3, table=False, thread_count=1)
 MODEL = SwingModel(moves=MOVES, engine=COARSE, duration=1.6)
 # The world has a finer rope than the model of it, and a slower arm.

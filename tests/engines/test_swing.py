@@ -4,21 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.stick_moves import MOVES
 
-from cablecast.arm.ur import ArmUR
 from cablecast.engines.swing import SAMPLE_DT, SwingModel
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.joint_move import JointMoves, Stick
 from cablecast.tuning.tips import air_cable
 
-MOVES = JointMoves(
-    arm=ArmUR(model="ur5"),
-    stick=Stick(length=0.5),
-    start=tuple(np.radians([0.0, -70.0, 150.0, -170.0, -90.0, 0.0]).tolist()),
-    joints=(2, 3),
-    low=(1.0, *np.radians([-60.0, 60.0])),
-    high=(3.0, *np.radians([-180.0, -120.0])),
-)
 ENGINE = EngineWarp(segment_count=14, dt=1e-3, table=False, thread_count=1)
 MODEL = SwingModel(moves=MOVES, engine=ENGINE, duration=1.0)
 UNITS = np.array([[0.2, 0.5, 0.5], [0.9, 0.3, 0.7]])

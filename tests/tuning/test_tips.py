@@ -1,20 +1,11 @@
 import numpy as np
 import pytest
+from tests.stick_moves import MOVES
 
-from cablecast.arm.ur import ArmUR
 from cablecast.engines.swing import SwingModel
 from cablecast.engines.warp_ import EngineWarp
-from cablecast.motion.joint_move import JointMoves, Stick
 from cablecast.tuning.tips import TipBelief, TipSwing, air_cable, fit_tips, nearest
 
-MOVES = JointMoves(
-    arm=ArmUR(model="ur5"),
-    stick=Stick(length=0.5),
-    start=tuple(np.radians([0.0, -70.0, 150.0, -170.0, -90.0, 0.0]).tolist()),
-    joints=(2, 3),
-    low=(1.0, *np.radians([-60.0, 60.0])),
-    high=(3.0, *np.radians([-180.0, -120.0])),
-)
 ENGINE = EngineWarp(segment_count=16, dt=1e-3, table=False, thread_count=1)
 MODEL = SwingModel(moves=MOVES, engine=ENGINE, duration=1.6)
 TRUTH = air_cable(0.8, 0.04, 0.02, 0.08, 0.015)
