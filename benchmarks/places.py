@@ -252,7 +252,11 @@ class Place:
         fitted = min(self.largest, FIT_MAX)
         every = CastStore(self.setup)
         parts: list[tuple[str, int, dict[str, Any]]] = [
-            ("spread", spread, {"purpose": "tune", "sampling": "spread"}),
+            (
+                "spread",
+                spread,
+                {"purpose": "tune", "sampling": "spread", "pace": cc.AimConfig().pace},
+            ),
             ("tune", fitted - spread, {"purpose": "tune", "sampling": "uniform"}),
             ("real", self.largest - fitted, {"purpose": "real", "sampling": "uniform", "seed": 1}),
         ]
@@ -279,7 +283,10 @@ class Place:
         )
 
     def session(self, count: int, paper: bool = False) -> cc.AimSession:
-        """Return a session after the first casts, which keeps nothing of what follows."""
+        """Return a session after the first casts, which keeps nothing of what follows.
+
+        As in `aim`, a polar cast comes after them.
+        """
         session = cc.prepare_aim(
             self.rig,
             self.args.aim_config(0, within_pct=0.01, tries=1000),
@@ -291,6 +298,8 @@ class Place:
         rest = self.casts(count, FIT_MAX)
         if rest is not None:
             session.add_casts(rest)
+        if count:
+            session.pilot(self.rig, self.progress)
         return session
 
     def policy(self, method: str, count: int) -> ForwardSearchPolicy:

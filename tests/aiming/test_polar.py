@@ -7,7 +7,7 @@ import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
 import cablecast as cc
-from cablecast.aiming.polar import AMPLITUDES, SCATTER, PolarLandings
+from cablecast.aiming.polar import AMPLITUDES, LAID_OUT, PACES, SCATTER, PolarLandings
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
 from cablecast.aiming.residual import Experience, ResidualScales
@@ -43,6 +43,13 @@ def astray(landings, cast):
     return Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose="aim")
 
 
+def beside(landings, cast, error):
+    """Return a polar cast that landed short of where it was simulated [cable lengths]."""
+    xy = landings._simulated_xy(cast) - error * LENGTH * landings._axes(cast)[0]
+    track = EndpointTrack(times=np.zeros(1), endpoint_xy=xy[None], status=TrialStatus.OK)
+    return Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose="pilot")
+
+
 def test_a_cast_is_aimed_so_that_it_is_expected_on_the_target(landings):
     cast = landings.aimed_at(FAR)
     expected = landings.expectation(cast)
@@ -67,6 +74,29 @@ def test_one_cast_teaches_itself_and_its_neighbours(landings):
     corrected = after.aimed_at(FAR)
     assert np.linalg.norm(after.expectation(corrected).mean - FAR) < 2e-3
     assert corrected != cast
+
+
+def test_a_pilot_is_cast_once_and_again_at_other_paces_until_one_lays_the_cable_out(landings):
+    pilot = landings.pilot
+    assert (pilot.azimuth, pilot.x, pilot.pace) == (0.0, 0.0, PACES[0])
+    good = landings.with_casts([beside(landings, pilot, 0.5 * LAID_OUT)])
+    assert good.pilot is None
+    assert good.aimed_at(FAR).pace == PACES[0]
+    # The first swing leaves the cable in a heap, the second lays it out.
+    heap = landings.with_casts([beside(landings, pilot, 0.9)])
+    second = heap.pilot
+    assert second.pace == heap.aimed_at(FAR).pace == PACES[1]
+    assert np.linalg.norm(heap.expectation(second).mean - landings._simulated_xy(second)) < 1e-9
+    after = heap.with_casts([beside(heap, second, 0.5 * LAID_OUT)])
+    assert after.pilot is None
+    assert after.aimed_at(FAR).pace == PACES[1]
+
+
+def test_where_no_swing_lays_the_cable_out_the_best_is_kept(landings):
+    for error in (0.5, 0.3, 0.4):
+        landings = landings.with_casts([beside(landings, landings.pilot, error)])
+    assert landings.pilot is None
+    assert landings.pace == PACES[1]
 
 
 def test_a_cast_that_was_lost_is_not_made_again(landings):

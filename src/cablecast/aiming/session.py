@@ -22,9 +22,9 @@ from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError, RigError
 from cablecast.learning.policy import ForwardSearchPolicy
-from cablecast.motion.trajectory import Trajectory
+from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
-from cablecast.runs.progress import ProgressCallback, show
+from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.task import Goal, MissLaw, Task
 from cablecast.tuning.landings import USUAL_DISTANCES
@@ -419,6 +419,21 @@ class AimSession:
             tracks = MeasuredTracks.of_casts([self.store.casts[row] for row in rows], self.setup)
             self._local = key, self.predictor.near(target_xy, tracks)
         return self._local[1]
+
+    def pilot(self, rig: CheckedRig, progress: ProgressCallback = show) -> None:
+        """Make a polar cast at no goal, from which the others learn: all err alike.
+
+        Where its swing leaves the cable in a heap, one with a slower swing follows. None is made
+        after another polar cast, or where the settings make none.
+
+        Raises:
+            RigError: A cast failed too often.
+        """
+        while (polar := self.predictor.polar) is not None and (action := polar.pilot) is not None:
+            progress(Progress(task="A polar cast, from which the others learn"))
+            number, motion = len(self.store), plan_trajectory(action, self.setup)
+            self.store.add(Cast.of_motion(motion, self.play(rig, motion, number), "pilot"))
+            self._condition()
 
     def cast(self, rig: CheckedRig, proposal: Proposal) -> Cast:
         """Make a proposed cast on a rig with the set-up of the session, and take it in.

@@ -58,6 +58,7 @@ OPTIONAL_COLUMNS = (
     Column("polar_azimuth", "float64", "rad", "azimuth of the swing of a polar cast"),
     Column("polar_x", "float64", "m", "x of the gripper at the end of its pull"),
     Column("polar_y", "float64", "m", "y of the gripper at the end of its pull"),
+    Column("polar_pace", "float64", "-", "pace of its swing; that of the reset is 1"),
     Column("repeat", "int64", "-", "repeat of the same action, from 0"),
     Column("times", "list", "s", "times of the track"),
     Column("track_x", "list", "m", "x of the free end at these times"),

@@ -293,6 +293,7 @@ TRIAL_COLUMNS: tuple[str, ...] = (
     "polar_azimuth_deg",
     "polar_x_m",
     "polar_y_m",
+    "polar_pace",
     "duration_s",
     "predicted_x_m",
     "predicted_y_m",
@@ -334,7 +335,7 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
         r, theta = xy_to_polar(aimed_xy[row])
         # Parameters of other families are empty cells.
         theta1, theta2, r2, psi, pace = cast.sweep
-        polar = cast.action.to_array() if isinstance(cast.action, PolarCast) else np.full(3, np.nan)
+        polar = cast.action.to_array() if isinstance(cast.action, PolarCast) else np.full(4, np.nan)
         target = int(evaluation.target_index[row])
         values = (
             target,

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.conventions import GRAVITY, polar_to_xy, xy_to_polar
-from cablecast.errors import InputError, JointLimitError, TargetError
+from cablecast.errors import InputError, JointLimitError, TargetError, check_number
 from cablecast.motion.grip_path import SMOOTH, GripPath, PlanePath
 from cablecast.motion.trajectory import Trajectory, follow
 from cablecast.setup import Setup
@@ -35,6 +35,9 @@ _PACES = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
 """Multiples of a reset's times that are tried, until the arm can follow: swings up to 1.3 times as
 slow still lay the cable out, and one of 1.5 leaves it slack (fast engine, both ropes)."""
 
+
+PACE_BOUNDS = (0.5, 1.2)
+"""Paces of the swing of a polar cast [-]."""
 
 _PULL_POINTS = 24
 """Points of a pull aside that the path goes through."""
@@ -73,6 +76,12 @@ class Swing:
     radii: tuple[float, float] = (0.371, 1.129)
     heights: tuple[float, float, float] = (1.207, 0.996, 0.929)
     pitches: tuple[float, float, float] = (0.560, 0.511, 0.996)
+
+    def slowed(self, factor: float) -> "Swing":
+        """Return the same swing that takes so many times as long."""
+        return dataclasses.replace(
+            self, durations=tuple(factor * duration for duration in self.durations)
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -164,11 +173,10 @@ class PolarCastConfig:
     def slowed(self, factor: float) -> "PolarCastConfig":
         """Return the same moves, each so many times as long."""
         names = ("carry_time_min", "draw_time", "rise_time", "arc_time", "lift_time")
-        swing = tuple(factor * time for time in self.swing.durations)
         return dataclasses.replace(
             self,
             carry_speed=self.carry_speed / factor,
-            swing=dataclasses.replace(self.swing, durations=swing),
+            swing=self.swing.slowed(factor),
             **{name: factor * getattr(self, name) for name in names},
         )
 
@@ -389,27 +397,31 @@ class PolarCast:
     Attributes:
         azimuth: Azimuth of the swing, from straight ahead, positive to the robot's right [rad].
         x, y: Place of the gripper at the end of the pull [m].
+        pace: Pace of the swing, that of the reset is 1 [-]. A light cable, which the air holds
+            back, is laid out by a slower one.
     """
 
     azimuth: float
     x: float
     y: float
+    pace: float = 1.0
 
     family: ClassVar[str] = "polar"
-    parameters: ClassVar[tuple[str, ...]] = ("polar_azimuth", "polar_x", "polar_y")
+    parameters: ClassVar[tuple[str, ...]] = ("polar_azimuth", "polar_x", "polar_y", "polar_pace")
     near_table: ClassVar[bool] = False
 
     def __post_init__(self):
         check_finite("polar cast", self.to_array(), len(self.parameters))
+        check_number("pace of a polar cast", self.pace, *PACE_BOUNDS)
 
     def __str__(self) -> str:
         return (
-            f"the polar cast at {np.degrees(self.azimuth):.1f} deg, pulled to x = {self.x:.3f} m, "
-            f"y = {self.y:.3f} m"
+            f"the polar cast at {np.degrees(self.azimuth):.1f} deg and pace {self.pace:.2f}, "
+            f"pulled to x = {self.x:.3f} m, y = {self.y:.3f} m"
         )
 
     @classmethod
-    def back_to(cls, endpoint_xy: ArrayLike, reach: PolarReach) -> "PolarCast":
+    def back_to(cls, endpoint_xy: ArrayLike, reach: PolarReach, pace: float = 1.0) -> "PolarCast":
         """Return the cast of the paper that brings the endpoint to a point of its reach.
 
         Raises:
@@ -425,24 +437,26 @@ class PolarCast:
                 "the table"
             )
         r, theta = xy_to_polar(endpoint_xy).tolist()
-        return cls(theta, *polar_to_xy([r - reach.cable_length, theta]).tolist())
+        return cls(theta, *polar_to_xy([r - reach.cable_length, theta]).tolist(), pace=pace)
 
     def to_array(self) -> Array:
-        """Return the azimuth [rad], x and y [m], shape [3]."""
-        return np.array([self.azimuth, self.x, self.y], dtype=float)
+        """Return the azimuth [rad], x and y [m], and the pace, shape [4]."""
+        return np.array([self.azimuth, self.x, self.y, self.pace], dtype=float)
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> "PolarCast":
-        """Make a cast from its azimuth [rad], x and y [m]."""
+        """Make a cast from its azimuth [rad], x and y [m], and pace."""
         return cls(*check_finite("polar cast", values, len(cls.parameters)).tolist())
 
     def mirrored(self) -> "PolarCast":
         """Return the cast that lands mirrored about the workspace axis."""
-        return PolarCast(-self.azimuth, -self.x, self.y)
+        return dataclasses.replace(self, azimuth=-self.azimuth, x=-self.x)
 
     def grip_path(self, setup: Setup) -> GripPath:
         """Return the path of the gripper from the reset pose, one row."""
-        return _cast_path(self, setup, PolarCastConfig.of(setup.workspace))
+        config = PolarCastConfig.of(setup.workspace)
+        swing = config.swing.slowed(1.0 / self.pace)
+        return _cast_path(self, setup, dataclasses.replace(config, swing=swing))
 
 
 def _cast_path(cast: PolarCast, setup: Setup, config: PolarCastConfig) -> GripPath:
@@ -524,10 +538,10 @@ class PullReach:
     def end_xy(self, casts: ArrayLike) -> Array:
         """Return where casts bring the end of a straight cable [m], shape [..., 2].
 
-        `casts` are their parameters, shape [..., 3].
+        `casts` are their azimuths [rad], x and y [m], shape [..., 3]; more is not looked at.
         """
         casts = np.asarray(casts, dtype=float)
-        azimuth, end = casts[..., 0], casts[..., 1:]
+        azimuth, end = casts[..., 0], casts[..., 1:3]
         start = self._start(azimuth)
         way = np.linalg.norm(end - start, axis=-1)
         length = self.back.cable_length
@@ -536,12 +550,12 @@ class PullReach:
 
     def way(self, cast: PolarCast) -> float:
         """Return the length of the pull of a cast [m]."""
-        return float(np.linalg.norm(cast.to_array()[1:] - self._start(cast.azimuth)))
+        return float(np.linalg.norm(cast.to_array()[1:3] - self._start(cast.azimuth)))
 
-    def cast_to(self, xy: Array) -> PolarCast | None:
+    def cast_to(self, xy: Array, pace: float = 1.0) -> PolarCast | None:
         """Return the cast that brings the end of a straight cable to a place [m], shape [2]."""
         if self.back.contains(xy):
-            return PolarCast.back_to(xy, self.back)
+            return PolarCast.back_to(xy, self.back, pace)
         grid, ends, turns = self._grid
         near = np.linalg.norm(ends - xy, axis=-1)
         close = near < _GRID_CLOSE
@@ -558,7 +572,7 @@ class PullReach:
         inside = abs(values[0]) <= self.back.theta_max and abs(values[1]) <= self.end_x_max
         if not inside or np.linalg.norm(xy - self.end_xy(values)) > 1e-4:
             return None
-        return PolarCast.from_array(values)
+        return PolarCast(*values.tolist(), pace=pace)
 
     def _start(self, azimuth: ArrayLike) -> Array:
         """Return where the gripper comes down at azimuths [m], shape [..., 2]."""

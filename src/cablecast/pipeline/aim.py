@@ -220,6 +220,7 @@ def prepare_aim(
     learning = _Learning(rig.setup, config, simulators, folder)
     session_folder = None if folder is None else folder / SESSION_FOLDER
     store = CastStore(rig.setup, session_folder)
+    calibrates = False
     if casts is not None and fit_all:
         store.add_dataset(casts)
     model = _later_model(learning, store, fit_all, progress)
@@ -228,6 +229,7 @@ def prepare_aim(
     elif tuned is not None:
         _keep_fit(folder, tuned)
     elif model is None and casts is None and config.calibration_count:
+        calibrates = True
         casts = _calibration_casts(rig, config, folder, progress)
         tuned = learning.fit(casts, folder, progress)
         # Not once the session has cast at a target: a new fit is due then where it is worth it.
@@ -247,6 +249,8 @@ def prepare_aim(
         refitting=learning,
     )
     session.look(rig)
+    if calibrates and all(cast.proposal is None for cast in session.casts):
+        session.pilot(rig, progress)
     return session
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cablecast.aiming.polar import PACES as SWING_PACES
 from cablecast.conventions import Array, mirror_xy, polar_to_xy, stream, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
@@ -329,7 +330,7 @@ def _polar_landings(setup: Setup) -> Array:
         found = [
             (xy, cast)
             for xy in places[table.on_table(places)]
-            if (cast := reach.cast_to(xy)) is not None
+            if (cast := reach.cast_to(xy, SWING_PACES[0])) is not None
         ]
         # An arm that follows the nearest and the farthest follows those between them.
         outer = [cast.grip_path(setup) for _, cast in (found[:1] + found[-1:])]
