@@ -163,4 +163,4 @@ def test_what_is_of_another_task_is_refused(policy, task, casts, tmp_path):
     other = Heading() if task.name == "breadth" else Breadth()
     with pytest.raises(DatasetError, match=f"no outcomes of {other.name}"):
         casts.outcomes(other)
-    assert casts.outcomes(LANDING) is casts.endpoint_xy
+    assert casts.outcomes(LANDING) is casts.rest_xy

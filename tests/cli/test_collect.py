@@ -125,7 +125,7 @@ def test_a_collection_killed_again_and_again_makes_each_trial_once(lab):
     (lab / "made.txt").unlink()
     assert main([*command[3:], "--out", "unbroken"]) == 0
     unbroken = read_dataset(lab / "unbroken")
-    assert dataset.endpoint_xy.tolist() == unbroken.endpoint_xy.tolist()
+    assert dataset.rest_xy.tolist() == unbroken.rest_xy.tolist()
 
 
 def test_a_rig_that_fails_says_so_in_one_line_and_the_command_goes_on_later(lab, capsys):

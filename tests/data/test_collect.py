@@ -65,9 +65,9 @@ def test_a_row_holds_the_action_the_track_and_both_joint_paths(unbroken):
             r2, psi = action.r2, action.psi
             tip = np.array([r2 * np.sin(action.theta2), r2 * np.cos(action.theta2)])
             tip += CABLE.length * np.array([np.sin(psi), np.cos(psi)])
-            assert np.linalg.norm(dataset.endpoint_xy[row] - tip) < LANDING_TOLERANCE
+            assert np.linalg.norm(dataset.rest_xy[row] - tip) < LANDING_TOLERANCE
         else:
-            assert np.all(np.isnan(dataset.endpoint_xy[row]))
+            assert np.all(np.isnan(dataset.rest_xy[row]))
 
 
 def test_a_rig_that_sees_no_joints_leaves_their_columns_empty(tmp_path):
@@ -133,7 +133,7 @@ def test_a_trial_that_fails_is_made_again_and_its_row_is_the_same(
     dataset = collect(tmp_path / "d", rig)
     whole = read_dataset(unbroken)
     assert rig.executed.count(2) == 2
-    np.testing.assert_array_equal(dataset.endpoint_xy, whole.endpoint_xy)
+    np.testing.assert_array_equal(dataset.rest_xy, whole.rest_xy)
     assert dataset.extra["track_x"] == whole.extra["track_x"]
     assert TrialStatus.ABORTED.code not in dataset.status
     if kind is StickRig:

@@ -109,14 +109,14 @@ def test_rows_that_were_changed_after_the_end_are_detected(copied):
 def test_a_shard_of_a_dataset_of_equal_settings_is_detected_and_can_be_made_again(tmp_path):
     for name, rig in (("first", StickRig()), ("second", MovedCameraRig())):
         collect(tmp_path / name, rig, count=2)
-    wanted = read_dataset(tmp_path / "first").endpoint_xy
+    wanted = read_dataset(tmp_path / "first").rest_xy
     shard = tmp_path / "first/data/chunk-000/file-001.parquet"
     shutil.copy(tmp_path / "second/data/chunk-000/file-001.parquet", shard)
     for look in (read_dataset, lambda path: collect(path, count=2)):
         with pytest.raises(DatasetError, match=r"file-001.parquet is not the one"):
             look(tmp_path / "first")
     shard.unlink()
-    np.testing.assert_array_equal(collect(tmp_path / "first", count=2).endpoint_xy, wanted)
+    np.testing.assert_array_equal(collect(tmp_path / "first", count=2).rest_xy, wanted)
 
 
 def test_a_shard_of_a_dataset_of_other_settings_is_detected(copied, tmp_path):
@@ -163,7 +163,7 @@ def test_the_statistics_are_those_of_the_rows(unbroken):
     stats = json.loads((unbroken / "meta/stats.json").read_text())
     dataset = read_dataset(unbroken)
     assert stats["theta2"]["min"] == [dataset.actions[:, 1].min()]
-    assert stats["endpoint_x"]["mean"] == [np.mean(dataset.endpoint_xy[:, 0])]
+    assert stats["endpoint_x"]["mean"] == [np.mean(dataset.rest_xy[:, 0])]
     assert stats["index"]["count"] == [COUNT]
 
 
@@ -188,7 +188,7 @@ def test_rows_are_those_of_a_mask_or_of_indices(unbroken):
     whole = read_dataset(unbroken)
     order = [4, 1, 4]
     some = whole.rows(order)
-    for name in ("actions", "endpoint_xy", "status", "duration", "extent"):
+    for name in ("actions", "rest_xy", "status", "duration", "extent"):
         np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[order])
     assert (len(some), some.info["settings"]["count"], some.path) == (3, 3, None)
     assert (some.kind, some.setup) == (whole.kind, whole.setup)
@@ -232,7 +232,7 @@ def whole(request, tmp_path_factory):
 
 def rows(dataset):
     """All values of a dataset, comparable."""
-    columns = (dataset.actions, dataset.endpoint_xy, dataset.duration, dataset.extent)
+    columns = (dataset.actions, dataset.rest_xy, dataset.duration, dataset.extent)
     arrays = [column.tolist() for column in columns]
     return repr((arrays, dataset.status.tolist(), dataset.extra, dataset.info["settings"]))
 

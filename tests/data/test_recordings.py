@@ -68,7 +68,7 @@ def test_tracks_and_motions_are_those_that_were_recorded(casts, tmp_path, motion
     table = write_table(table_of(casts, motion), tmp_path / f"table{suffix}")
     imported = import_casts(table, SETUP, out=tmp_path / "out")
     assert len(imported) == CAST_COUNT
-    assert imported.endpoint_xy == pytest.approx(casts.endpoint_xy, nan_ok=True)
+    assert imported.rest_xy == pytest.approx(casts.rest_xy, nan_ok=True)
     there, here = (
         MeasuredTracks.from_dataset(casts, path_source="commanded"),
         MeasuredTracks.from_dataset(imported),

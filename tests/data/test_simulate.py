@@ -37,7 +37,7 @@ def test_rows_hold_the_action_and_where_its_motion_lands(unbroken):
         axis=-1,
     )
     assert len(dataset) == COUNT
-    np.testing.assert_allclose(dataset.endpoint_xy, landing, atol=PATH_TOLERANCE)
+    np.testing.assert_allclose(dataset.rest_xy, landing, atol=PATH_TOLERANCE)
 
 
 def test_the_status_says_where_the_free_end_rests_and_the_margin_where_it_was(unbroken):
@@ -71,7 +71,7 @@ def test_the_size_of_the_shards_does_not_change_the_rows(unbroken, tmp_path):
     whole = simulate(tmp_path / "d", shard_rows=COUNT)
     sharded = read_dataset(unbroken)
     np.testing.assert_array_equal(whole.actions, sharded.actions)
-    np.testing.assert_array_equal(whole.endpoint_xy, sharded.endpoint_xy)
+    np.testing.assert_array_equal(whole.rest_xy, sharded.rest_xy)
 
 
 @pytest.mark.parametrize("moment", ["rollout", 0, 2, FILE_COUNT - 3, FILE_COUNT - 1])

@@ -22,7 +22,7 @@ def test_casts_come_out_as_they_went_in(casts, tmp_path):
     assert store.add_dataset(casts) == COUNT
     again = CastStore(SETUP, tmp_path / "store").dataset()
     np.testing.assert_array_equal(again.actions, casts.actions)
-    np.testing.assert_array_equal(again.endpoint_xy, casts.endpoint_xy)
+    np.testing.assert_array_equal(again.rest_xy, casts.rest_xy)
     assert list(again.status) == list(casts.status)
     for row in range(COUNT):
         there, here = casts.track(row), again.track(row)

@@ -187,7 +187,7 @@ def test_a_dataset_without_repeats_is_refused():
     empty = np.empty((0, 4))
     dataset = Dataset(
         actions=empty,
-        endpoint_xy=empty[:, :2],
+        rest_xy=empty[:, :2],
         status=np.array([], dtype=str),
         duration=empty[:, 0],
         extent=empty,

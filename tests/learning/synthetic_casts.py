@@ -38,7 +38,7 @@ def dataset_of(actions, landing, kind="sim", fingerprint="f00d"):
     extent = np.stack([0 * reach[:, 0], reach[:, 0], landing[:, 1], reach[:, 1]], axis=-1)
     return Dataset(
         actions=actions,
-        endpoint_xy=landing,
+        rest_xy=landing,
         status=np.where(SETUP.workspace.on_table(landing), "ok", "off_table"),
         duration=np.ones(len(actions)),
         extent=extent,

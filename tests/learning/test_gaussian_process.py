@@ -233,7 +233,7 @@ def test_held_out_casts_are_measured_and_not_learned_from(dataset, fitted_model)
     assert kept.sum() == fitted_model.metrics["training_count"] == 540
     held_out = ~kept
     error = np.linalg.norm(
-        fitted_model.predict(dataset.actions[held_out]) - dataset.endpoint_xy[held_out], axis=1
+        fitted_model.predict(dataset.actions[held_out]) - dataset.rest_xy[held_out], axis=1
     )
     pct = error / CABLE.length * 100
     assert fitted_model.metrics["held_out_count"] == 60
@@ -243,10 +243,8 @@ def test_held_out_casts_are_measured_and_not_learned_from(dataset, fitted_model)
     assert fitted_model.metrics["held_out_p90_pct"] == pytest.approx(
         np.percentile(pct, 90), abs=BATCH_PCT
     )
-    elsewhere = dataset.endpoint_xy + np.where(held_out, 0.5, 0.0)[:, None]
-    again = train_gaussian_process(
-        dataclasses.replace(dataset, endpoint_xy=elsewhere), config=SMALL
-    )
+    elsewhere = dataset.rest_xy + np.where(held_out, 0.5, 0.0)[:, None]
+    again = train_gaussian_process(dataclasses.replace(dataset, rest_xy=elsewhere), config=SMALL)
     assert again.fingerprint == fitted_model.fingerprint
     assert again.metrics["held_out_median_pct"] > 10 * fitted_model.metrics["held_out_median_pct"]
 

@@ -86,13 +86,13 @@ def test_a_feature_that_never_varies_is_not_divided_by_zero():
 
 def test_only_rows_with_a_finite_endpoint_are_learned_from():
     dataset = smooth_dataset(count=MIN_ROWS + 2)
-    endpoints = dataset.endpoint_xy.copy()
+    endpoints = dataset.rest_xy.copy()
     endpoints[3, 1] = np.nan
-    rows = known_endpoint_rows(dataclasses.replace(dataset, endpoint_xy=endpoints))
+    rows = known_endpoint_rows(dataclasses.replace(dataset, rest_xy=endpoints))
     np.testing.assert_array_equal(rows, np.delete(np.arange(MIN_ROWS + 2), 3))
     endpoints[5:7] = np.nan
     with pytest.raises(InputError, match=f"49 of 52 rows .* training needs {MIN_ROWS}"):
-        known_endpoint_rows(dataclasses.replace(dataset, endpoint_xy=endpoints))
+        known_endpoint_rows(dataclasses.replace(dataset, rest_xy=endpoints))
 
 
 def test_the_margin_is_the_least_distance_from_an_edge_and_unseen_exits_are_negative():

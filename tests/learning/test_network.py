@@ -258,18 +258,18 @@ def test_the_learning_curve_falls_and_the_best_epoch_is_kept(model):
 
 def test_training_stops_when_the_held_out_loss_no_longer_falls():
     dataset = smooth_dataset(count=200)
-    noise = np.random.default_rng(0).normal(size=dataset.endpoint_xy.shape)
-    hopeless = dataclasses.replace(dataset, endpoint_xy=noise)
+    noise = np.random.default_rng(0).normal(size=dataset.rest_xy.shape)
+    hopeless = dataclasses.replace(dataset, rest_xy=noise)
     config = dataclasses.replace(SMALL, epochs=200, patience=3)
     model = train_forward_model(hopeless, config=config)
     assert model.metrics["epoch_count"] == model.metrics["best_epoch"] + 3 < 200
 
 
 def test_rows_without_a_known_endpoint_are_left_out_and_off_table_rows_are_not(dataset):
-    endpoint_xy = dataset.endpoint_xy.copy()
+    endpoint_xy = dataset.rest_xy.copy()
     endpoint_xy[:100] = np.nan
     status = np.where(np.arange(len(dataset)) < 100, "non_finite", dataset.status)
-    broken = dataclasses.replace(dataset, endpoint_xy=endpoint_xy, status=status)
+    broken = dataclasses.replace(dataset, rest_xy=endpoint_xy, status=status)
     model = train_forward_model(broken, config=dataclasses.replace(SMALL, epochs=1))
     metrics = model.metrics
     assert metrics["unknown_endpoint_count"] == 100
@@ -281,7 +281,7 @@ def test_rows_without_a_known_endpoint_are_left_out_and_off_table_rows_are_not(d
 def test_an_action_set_without_psi_can_be_learned(dataset):
     actions = dataset.actions.copy()
     actions[:, 3] = actions[:, 1]
-    flat = dataclasses.replace(dataset, actions=actions, endpoint_xy=smooth_map(actions))
+    flat = dataclasses.replace(dataset, actions=actions, rest_xy=smooth_map(actions))
     model = train_forward_model(flat, config=dataclasses.replace(SMALL, epochs=5))
     assert np.isfinite(model.metrics["held_out_median_pct"])
 
@@ -302,6 +302,6 @@ def test_a_device_that_is_not_there_is_refused(dataset):
 def test_training_that_diverges_is_reported(dataset):
     with np.errstate(over="ignore"), pytest.raises(InputError, match="diverged"):
         train_forward_model(
-            dataclasses.replace(dataset, endpoint_xy=dataset.endpoint_xy * 1e300),
+            dataclasses.replace(dataset, rest_xy=dataset.rest_xy * 1e300),
             config=dataclasses.replace(SMALL, epochs=1),
         )

@@ -91,13 +91,13 @@ def test_folds_are_those_of_the_seed():
 def test_only_casts_that_came_to_rest_in_sight_on_the_table_are_trained_on():
     landing = np.random.default_rng(0).uniform([-0.5, 0.3], [0.5, 1.0], (40, 2))
     real = dataset_of(random_actions(40, seed=1), landing, kind="real")
-    status, endpoints = real.status.astype("<U12"), real.endpoint_xy.copy()
+    status, endpoints = real.status.astype("<U12"), real.rest_xy.copy()
     status[[2, 5]] = "off_table"
     status[[11, 30]], endpoints[[11, 30]] = "occluded", np.nan
-    seen = dataclasses.replace(real, status=status, endpoint_xy=endpoints)
+    seen = dataclasses.replace(real, status=status, rest_xy=endpoints)
     np.testing.assert_array_equal(real_rows(seen), np.delete(np.arange(40), [2, 5, 11, 30]))
     status[MIN_REAL_ROWS - 1 :] = "off_table"
-    few = dataclasses.replace(real, status=status, endpoint_xy=endpoints)
+    few = dataclasses.replace(real, status=status, rest_xy=endpoints)
     with pytest.raises(InputError, match=r"11 of 40 real casts .* needs 15"):
         real_rows(few)
 
@@ -119,7 +119,7 @@ def test_fine_tuning_fits_the_map_of_the_rig(base, real, tuned):
     assert metrics["real_median_pct"] < LEFT_OVER * metrics["real_before_median_pct"]
     used = real.ok & real.finite
     assert metrics["real_used_count"] == used.sum() < metrics["real_count"] == REAL_COUNT
-    before = base.predict(real.actions[used]) - real.endpoint_xy[used]
+    before = base.predict(real.actions[used]) - real.rest_xy[used]
     mean_pct = 100 * np.mean(np.hypot(*before.T)) / CABLE.length
     assert metrics["real_before_mean_pct"] == pytest.approx(mean_pct)
     curve = tuned.info["adaptation"]["curve"]

@@ -23,7 +23,7 @@ def test_casts_to_tune_with_and_real_casts_of_one_rig_do_not_share_their_luck(se
             casts = collect_dataset(
                 tmp_path / name, rig, setup, purpose=purpose, actions=ACTION, repeats=2
             )
-            ends[name] = casts.endpoint_xy
+            ends[name] = casts.rest_xy
     np.testing.assert_array_equal(ends["tune"], ends["tune again"])
     every = np.concatenate([ends["tune"], ends["real"]])
     assert len(np.unique(every, axis=0)) == len(every)

@@ -38,7 +38,7 @@ def test_one_trial_alone_is_that_of_a_dataset_of_its_own(dataset):
 
 def test_resting_points_are_those_of_the_rig(dataset, good):
     rows = np.flatnonzero(dataset.status == "ok")
-    np.testing.assert_array_equal(good.final_xy, dataset.endpoint_xy[rows])
+    np.testing.assert_array_equal(good.final_xy, dataset.rest_xy[rows])
 
 
 def test_a_track_that_leaves_the_table_is_compared_while_it_is_on_it(dataset):
@@ -47,12 +47,12 @@ def test_a_track_that_leaves_the_table_is_compared_while_it_is_on_it(dataset):
     track[fallen:] = 5.0
     status = dataset.status.astype("U20").copy()
     status[row] = "off_table"
-    endpoint = dataset.endpoint_xy.copy()
+    endpoint = dataset.rest_xy.copy()
     endpoint[row] = np.nan
     columns = dataset.extra["track_x"].copy()
     columns[row] = track
     changed = dataclasses.replace(
-        with_extra(dataset, track_x=columns), status=status, endpoint_xy=endpoint
+        with_extra(dataset, track_x=columns), status=status, rest_xy=endpoint
     )
     tracks = MeasuredTracks.from_dataset(changed)
     assert tracks.compared[row, 1:fallen].all()

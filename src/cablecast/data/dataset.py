@@ -46,7 +46,7 @@ class Dataset:
     Attributes:
         actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [row, 5]; without the
             pace, which is 1 then, [row, 4].
-        endpoint_xy: Resting point of the free end [m], shape [row, 2]; NaN where unknown. A
+        rest_xy: Resting point of the free end [m], shape [row, 2]; NaN where unknown. A
             simulated row that left the table keeps its resting point on the endless plane.
         status: Codes of the trial statuses, shape [row].
         duration: Duration of the gripper's motion [s], shape [row].
@@ -58,7 +58,7 @@ class Dataset:
     """
 
     actions: Array
-    endpoint_xy: Array
+    rest_xy: Array
     status: NDArray[np.str_]
     duration: Array
     extent: Array
@@ -70,7 +70,7 @@ class Dataset:
         row_count = len(self.actions)
         object.__setattr__(self, "actions", action_rows(self.actions))
         for name, shape in (
-            ("endpoint_xy", (row_count, 2)),
+            ("rest_xy", (row_count, 2)),
             ("status", (row_count,)),
             ("duration", (row_count,)),
             ("extent", (row_count, 4)),
@@ -84,7 +84,7 @@ class Dataset:
     @property
     def finite(self) -> NDArray[np.bool_]:
         """Rows whose resting point is known, on the table or off it, shape [row]."""
-        return np.all(np.isfinite(self.endpoint_xy), axis=1)
+        return np.all(np.isfinite(self.rest_xy), axis=1)
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -129,7 +129,7 @@ class Dataset:
             DatasetError: They were simulated for another task.
         """
         if isinstance(task, Landing):
-            return self.endpoint_xy
+            return self.rest_xy
         if self.info.get("settings", {}).get("task") != task.name:
             raise DatasetError(f"{self._name} has no outcomes of {task.name}: simulate anew")
         return np.array(self.extra["outcome"], dtype=float)
@@ -164,7 +164,7 @@ class Dataset:
         }
         return Dataset(
             actions=self.actions[rows],
-            endpoint_xy=self.endpoint_xy[rows],
+            rest_xy=self.rest_xy[rows],
             status=self.status[rows],
             duration=self.duration[rows],
             extent=self.extent[rows],
@@ -406,7 +406,7 @@ def table_dataset(table: Any, info: dict[str, Any], path: pathlib.Path | None = 
             raise DatasetError(f"{path or 'the dataset'}: {error}") from None
     return Dataset(
         actions=stack(ACTION_COLUMNS),
-        endpoint_xy=stack(ENDPOINT_COLUMNS),
+        rest_xy=stack(ENDPOINT_COLUMNS),
         status=status,
         duration=table["duration"].to_numpy(),
         extent=stack(EXTENT_COLUMNS),

@@ -156,7 +156,7 @@ class Repeatability:
         if repeats is None:
             raise DatasetError(f"{dataset.path or 'the dataset'} holds no repeated casts")
         starts = [row for row, repeat in enumerate(repeats) if repeat == 0]
-        landed = np.where(dataset.ok[:, None], dataset.endpoint_xy, np.nan)
+        landed = np.where(dataset.ok[:, None], dataset.rest_xy, np.nan)
         actions = []
         for start, end in zip(starts, [*starts[1:], len(dataset)], strict=True):
             xy = landed[start:end]

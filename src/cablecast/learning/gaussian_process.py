@@ -147,7 +147,7 @@ def train_gaussian_process(
     order = generator.permutation(rows)
     held_out_count = max(1, round(config.held_out_fraction * len(rows)))
     held_out, training = order[:held_out_count], np.sort(order[held_out_count:])
-    actions, endpoint_xy = dataset.actions[training], dataset.endpoint_xy[training]
+    actions, endpoint_xy = dataset.actions[training], dataset.rest_xy[training]
     model = GaussianProcessModel(
         **normalization(actions, endpoint_xy),
         inputs=np.empty((0, FEATURE_COUNT)),
@@ -179,7 +179,7 @@ def train_gaussian_process(
         **error_metrics(
             "held_out",
             model.predict(dataset.actions[held_out]),
-            dataset.endpoint_xy[held_out],
+            dataset.rest_xy[held_out],
             dataset.cable.length,
         ),
     }

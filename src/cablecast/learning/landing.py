@@ -373,7 +373,7 @@ class LandingModel:
             self,
             margin_features=self.normalize(dataset.actions[rows]),
             margins=margins.astype(np.float32),
-            rest_xy=dataset.endpoint_xy[rows],
+            rest_xy=dataset.rest_xy[rows],
         )
 
     def save(self, folder: str | pathlib.Path) -> None:

@@ -446,7 +446,7 @@ def train_on_real(
     """
     rows = real_rows(real)
     blank = ForwardModel(
-        **normalization(real.actions[rows], real.endpoint_xy[rows]),
+        **normalization(real.actions[rows], real.rest_xy[rows]),
         weights=initial_weights(config, seed, paced=is_paced(real.actions[rows])),
         info={
             "config": dataclasses.asdict(config),
@@ -494,7 +494,7 @@ def _fit_to_real(
 ) -> ForwardModel:
     """Cross-validate a network, fit it to all rows, and record both in `info`."""
     check_device(device)
-    actions, endpoint_xy = real.actions[rows], real.endpoint_xy[rows]
+    actions, endpoint_xy = real.actions[rows], real.rest_xy[rows]
     every = np.arange(len(rows))
     # The last fit is the one to all rows, which is validated on the rows that it was fitted to.
     jobs = [*folds(len(rows), seed), (every, every)]

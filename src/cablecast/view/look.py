@@ -235,7 +235,7 @@ class Collection:
         if self.dataset.motion(index) is not None:
             simulated = self.simulated(index, engine, self.fitted)
         if target_xy is not None and self.dataset.status[index] == TrialStatus.OK.code:
-            miss = float(LANDING.miss(self.dataset.endpoint_xy[index], target, self.setup))
+            miss = float(LANDING.miss(self.dataset.rest_xy[index], target, self.setup))
             result += f": {100 * miss:.1f} % of the cable's length off"
         return Shot(
             cast=measured, other=simulated, target_xy=target_xy, caption=label, result=result

@@ -73,7 +73,7 @@ def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, 
     assert not cablecast("collect", *count)
 
     casts = read_dataset("runs/cable_1/tune-data")
-    assert np.linalg.norm(casts.endpoint_xy[-1] - true_landing(admin)) < LANDING_ERROR_MAX
+    assert np.linalg.norm(casts.rest_xy[-1] - true_landing(admin)) < LANDING_ERROR_MAX
     assert casts.rig(0)["camera"] == "stream"
     for row in range(2):
         joints, log = casts.measured_joints(row), casts.controller_log(row)
