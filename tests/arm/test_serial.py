@@ -14,7 +14,7 @@ from cablecast.errors import IKError, InputError, UnknownNameError
 from cablecast.motion.action import grid_actions
 from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import check_actions, feasible_ranges
-from cablecast.motion.polar import polar_cast_path
+from cablecast.motion.polar import PolarCast, PolarReach
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
@@ -188,7 +188,7 @@ def test_a_seven_joint_arm_plans_an_action_and_travels_with_its_results():
 
 
 def test_a_polar_cast_moves_the_joints_of_a_described_arm_as_the_analytic_one(described):
-    path = polar_cast_path((0.1, 1.3), Setup())
+    path = PolarCast.back_to((0.1, 1.3), PolarReach.of(Setup())).grip_path(Setup())
     motion = [path.evaluate(np.linspace(0.0, path.duration[0], 80), order)[0] for order in range(3)]
     ours, theirs = (arm.inverse_motion(*motion) for arm in (described, UR5))
     # Lifted postures are solved to rounding; their rates are central differences.

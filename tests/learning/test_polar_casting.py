@@ -13,7 +13,7 @@ from cablecast.cast import TrialStatus
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.evaluation.evaluate import evaluate_policy, trial_rows
 from cablecast.learning.policy import PolarCastingPolicy
-from cablecast.motion.polar import PolarCastConfig
+from cablecast.motion.polar import PolarCast, PolarCastConfig
 from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace, load_targets
@@ -62,15 +62,14 @@ def test_motions_for_mirrored_targets_are_mirrored():
     np.testing.assert_allclose(right.mirrored().coefficients, left.coefficients, atol=1e-12)
 
 
-def test_no_action_describes_the_motion():
-    assert POLICY.plan([0.0, 1.3]).trajectories[0].action is None
+def test_a_polar_cast_back_along_its_azimuth_describes_the_motion():
+    cast = PolarCast.back_to([0.0, 1.3], POLICY.reach)
+    assert POLICY.plan([0.0, 1.3]).trajectories[0].action == cast
 
 
-def test_the_settings_of_a_run_tell_swings_apart():
-    other = dataclasses.replace(POLICY.cast, settle_time=POLICY.cast.settle_time + 0.1)
-    info = PolarCastingPolicy(setup=SETUP, cast=other).info
-    assert info != POLICY.info
-    assert json.loads(json.dumps(info, allow_nan=False))["settle_time"] == other.settle_time
+def test_a_run_keeps_the_settings_of_its_motions():
+    info = json.loads(json.dumps(POLICY.info, allow_nan=False))
+    assert info["settle_time"] == PolarCastConfig().settle_time
 
 
 def test_an_evaluation_plays_it_and_leaves_the_cells_of_the_action_empty(tmp_path):
@@ -89,6 +88,4 @@ def test_an_evaluation_plays_it_and_leaves_the_cells_of_the_action_empty(tmp_pat
 
 def test_a_longer_arm_casts_at_the_radii_of_its_reach():
     setup = Setup(arm=ArmUR(model="ur10e"), workspace=Workspace(r_max=1.3))
-    policy = PolarCastingPolicy(setup=setup)
-    assert policy.cast == PolarCastConfig.of(setup.workspace)
-    assert policy.info["cast_radius"] == pytest.approx(0.88 * 1.3 / 0.94)
+    assert PolarCastingPolicy(setup=setup).info["cast_radius"] == pytest.approx(0.88 * 1.3 / 0.94)

@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cablecast.arm.base import JointLimits
+from cablecast.arm.ur import ArmUR
 from cablecast.cable import CABLE_NAMES
 from cablecast.conventions import polar_to_xy
 from cablecast.engines.warp_ import EngineWarp
@@ -16,13 +18,11 @@ from cablecast.motion.polar import (
     PolarCastConfig,
     PolarReach,
     PullReach,
-    Swing,
-    plan_polar_cast,
     plan_reset,
-    polar_cast_path,
     reset_pose,
     trailing_heading,
 )
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace, load_targets
 
@@ -52,6 +52,10 @@ def places(setup, count=5):
         near, far = reach.pulled_radius(theta), reach.landing_radius(theta)
         polar += [[near + share * (far - near), theta] for share in (0.05, 0.5, 1.0)]
     return polar_to_xy(polar)
+
+
+def path_to(xy, setup=SETUP):
+    return PolarCast.back_to(xy, PolarReach.of(setup)).grip_path(setup)
 
 
 def test_straight_ahead_the_endpoint_comes_no_nearer_than_the_limit_of_the_paper():
@@ -112,14 +116,14 @@ def test_the_far_bound_follows_a_turned_table():
 @pytest.mark.parametrize("name", CABLE_NAMES)
 def test_the_arm_can_follow_every_polar_cast(name):
     setup = Setup(cable=name)
-    paths = [polar_cast_path(xy, setup) for xy in places(setup)]
+    paths = [path_to(xy, setup) for xy in places(setup)]
     feasibility = check_grip_paths(GripPath.stack(paths), setup)
     assert feasibility.mask.all(), feasibility.reasons
 
 
 def test_the_gripper_stays_beyond_the_edge_of_the_robots_own_table_while_it_pulls():
     for xy in places(SETUP):
-        path = polar_cast_path(xy, SETUP)
+        path = path_to(xy)
         poses = path.evaluate(np.linspace(0.0, path.duration[0], 3000))[0]
         low = poses[:, 2] < WORKSPACE.grip_height + 0.01
         assert np.min(poses[low, 1]) >= WORKSPACE.support_depth - 1e-6
@@ -127,7 +131,7 @@ def test_the_gripper_stays_beyond_the_edge_of_the_robots_own_table_while_it_pull
 
 def test_the_motion_starts_at_the_reset_pose_and_ends_a_cable_length_before_the_place():
     xy = polar_to_xy([1.2, 0.5])
-    path = polar_cast_path(xy, SETUP)
+    path = path_to(xy)
     first, last = path.evaluate([0.0, path.duration[0]])[0]
     np.testing.assert_allclose(first, reset_pose(WORKSPACE), atol=1e-12)
     np.testing.assert_allclose(last[:2], polar_to_xy([1.2 - CABLE.length, 0.5]), atol=1e-9)
@@ -136,22 +140,22 @@ def test_the_motion_starts_at_the_reset_pose_and_ends_a_cable_length_before_the_
 
 @pytest.mark.parametrize("target", [(float("nan"), 1.0), (0.0, float("inf")), (1.0,)])
 def test_a_target_that_is_no_point_is_refused_in_one_line(target):
-    for plan in (polar_cast_path, plan_polar_cast):
-        with pytest.raises(InputError, match=r"target \(.*\) must be 2 finite numbers"):
-            plan(target, Setup())
+    with pytest.raises(InputError, match=r"target \(.*\) must be 2 finite numbers"):
+        PolarCast.back_to(target, REACH)
     with pytest.raises(InputError, match="must be 5 finite numbers"):
         plan_reset([float("nan"), 0.5, 0.02, 0.0, 0.0], Setup())
 
 
 def test_a_place_beyond_reach_is_refused_by_its_bounds():
     with pytest.raises(InputError, match=r"does not reach \(0\.000, 0\.700\) m: r must be at most"):
-        polar_cast_path([0.0, 0.7], SETUP)
+        PolarCast.back_to([0.0, 0.7], REACH)
 
 
-def test_a_swing_that_is_too_fast_for_the_arm_is_refused_by_the_limit_it_breaks():
-    swing = Swing(durations=(0.2, 0.1, 0.15, 0.2))
-    with pytest.raises(JointLimitError, match=r"polar cast: .*velocity .* is above"):
-        plan_polar_cast([0.0, 1.2], SETUP, PolarCastConfig(swing=swing))
+def test_a_polar_cast_that_is_too_fast_for_the_arm_is_refused_by_the_limit_it_breaks():
+    slow = JointLimits(position=(6.3,) * 6, velocity=(0.5,) * 6, acceleration=(20.0,) * 6)
+    setup = Setup(arm=ArmUR(limits=slow))
+    with pytest.raises(JointLimitError, match=r"polar cast at .*velocity .* is above"):
+        plan_trajectory(PolarCast.back_to([0.0, 1.2], REACH), setup)
 
 
 @pytest.mark.parametrize("name", CABLE_NAMES)
@@ -163,7 +167,7 @@ def test_the_simulated_endpoint_comes_to_rest_near_the_place(name):
         cable, length=cable.length + cable.attachment_length, attachment_length=0.0
     )
     xy = places(setup, 3)
-    paths = GripPath.stack([polar_cast_path(p, setup) for p in xy])
+    paths = GripPath.stack([path_to(p, setup) for p in xy])
     engine = EngineWarp(segment_count=30, dt=1e-3)
     nodes = engine.rollout(whole, paths).final_state.positions[..., :2]
     along = nodes[:, -1] - nodes[:, -2]
@@ -181,7 +185,7 @@ def test_the_simulated_endpoint_comes_to_rest_near_the_place(name):
 @pytest.mark.parametrize("name", CABLE_NAMES)
 def test_the_free_end_keeps_clear_of_the_base_and_of_the_near_edge(name):
     setup = Setup(cable=name)
-    paths = GripPath.stack([polar_cast_path(p, setup) for p in places(setup, 9)])
+    paths = GripPath.stack([path_to(p, setup) for p in places(setup, 9)])
     engine = EngineWarp(segment_count=30, dt=1e-3)
     xy = engine.rollout(setup.cable, paths, sample_dt=0.05).endpoint_xy
     assert np.min(xy[..., 1]) - setup.workspace.y_min > CLEAR
@@ -214,8 +218,6 @@ def test_a_place_that_a_pull_back_reaches_is_reached_by_it():
     cast = PULL.cast_to(xy)
     assert cast == PolarCast.back_to(xy, REACH)
     np.testing.assert_allclose(PULL.end_xy(cast.to_array()), xy, atol=1e-9)
-    one, other = cast.grip_path(SETUP), polar_cast_path(xy, SETUP)
-    np.testing.assert_array_equal(one.coefficients, other.coefficients)
 
 
 @pytest.mark.parametrize("name", CABLE_NAMES)

@@ -42,7 +42,7 @@ from cablecast.motion.action import (
 )
 from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import check_actions, feasible_actions
-from cablecast.motion.polar import PolarCastConfig, PolarReach, plan_polar_cast
+from cablecast.motion.polar import PolarCast, PolarCastConfig, PolarReach
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
@@ -664,36 +664,26 @@ class PaperPolicy(ForwardSearchPolicy):
         return chosen, self.actions[chosen], self.predicted_xy[chosen]
 
 
-# Stands for settings for the arm's reach until the policy is made.
-_OF_THE_REACH = PolarCastConfig()
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PolarCastingPolicy:
-    """Policy that plans by geometry alone: nothing is learned or simulated.
+    """The paper's baseline, which plans by geometry alone: nothing is learned or simulated.
 
     Attributes:
         setup: Cable, table and arm.
-        cast: Settings of the lift, the swing and the pull; by default those for the arm's
-            reach.
     """
 
     setup: Setup
-    cast: PolarCastConfig = _OF_THE_REACH
-
-    def __post_init__(self):
-        if self.cast is _OF_THE_REACH:
-            object.__setattr__(self, "cast", PolarCastConfig.of(self.setup.workspace))
 
     @property
     def info(self) -> dict[str, Any]:
-        """Name and settings of the policy."""
-        return {"name": "polar casting"} | dataclasses.asdict(self.cast)
+        """Name of the policy, and settings of its motions."""
+        cast = PolarCastConfig.of(self.setup.workspace)
+        return {"name": "polar casting"} | dataclasses.asdict(cast)
 
     @functools.cached_property
     def reach(self) -> PolarReach:
         """Region in which the endpoint can be laid down."""
-        return PolarReach.of(self.setup, self.cast)
+        return PolarReach.of(self.setup)
 
     def plan(
         self,
@@ -711,12 +701,13 @@ class PolarCastingPolicy:
         """
         targets = LANDING.values(self.setup, target_xy, r=r, theta_deg=theta_deg)
         nearest = self.reach.nearest(targets)
+        casts = [PolarCast.back_to(xy, self.reach) for xy in nearest]
         return Plan(
             setup=self.setup,
             target_xy=targets,
             predicted_xy=nearest,
             inside_coverage=self.reach.contains(targets),
-            motions=tuple(plan_polar_cast(xy, self.setup, self.cast) for xy in nearest),
+            motions=tuple(plan_trajectory(cast, self.setup) for cast in casts),
         )
 
 

@@ -454,22 +454,18 @@ class PolarCast:
 
     def grip_path(self, setup: Setup) -> GripPath:
         """Return the path of the gripper from the reset pose, one row."""
-        config = PolarCastConfig.of(setup.workspace)
+        cable, workspace = setup.cable, setup.workspace
+        config = PolarCastConfig.of(workspace)
+        radius = float(PolarReach.of(setup).landing_radius(self.azimuth)) - cable.length
+        path = PlanePath(reset_pose(workspace))
+        slow = dataclasses.replace(config, rise_time=config.cast_rise_time)
+        _lift(path, cable, slow, self.azimuth).hold(config.hang_time)
         swing = config.swing.slowed(1.0 / self.pace)
-        return _cast_path(self, setup, dataclasses.replace(config, swing=swing))
-
-
-def _cast_path(cast: PolarCast, setup: Setup, config: PolarCastConfig) -> GripPath:
-    cable, workspace = setup.cable, setup.workspace
-    radius = float(PolarReach.of(setup, config).landing_radius(cast.azimuth)) - cable.length
-    path = PlanePath(reset_pose(workspace))
-    slow = dataclasses.replace(config, rise_time=config.cast_rise_time)
-    _lift(path, cable, slow, cast.azimuth).hold(config.hang_time)
-    _swing_out(path, radius, workspace, config)
-    end = np.array([cast.x, cast.y])
-    if abs(xy_to_polar(end)[1] - cast.azimuth) < 1e-9:
-        return _pull_back(path, float(np.hypot(*end)), config).grip_path()
-    return _pull_aside(path, end, cable, config).grip_path()
+        _swing_out(path, radius, workspace, dataclasses.replace(config, swing=swing))
+        end = np.array([self.x, self.y])
+        if abs(xy_to_polar(end)[1] - self.azimuth) < 1e-9:
+            return _pull_back(path, float(np.hypot(*end)), config).grip_path()
+        return _pull_aside(path, end, cable, config).grip_path()
 
 
 def _pull_aside(path: PlanePath, end: Array, cable: Cable, config: PolarCastConfig) -> PlanePath:
@@ -592,30 +588,6 @@ class PullReach:
         casts = casts.reshape(-1, 3)
         back = np.arctan2(*(self._start(casts[:, 0]) - casts[:, 1:]).T)
         return casts, self.end_xy(casts), np.abs(back - casts[:, 0])
-
-
-def polar_cast_path(
-    endpoint_xy: ArrayLike, setup: Setup, config: PolarCastConfig | None = None
-) -> GripPath:
-    """Return the motion from the reset pose that brings the endpoint to a point of `PolarReach`."""
-    config = config or PolarCastConfig.of(setup.workspace)
-    cast = PolarCast.back_to(endpoint_xy, PolarReach.of(setup, config))
-    return _cast_path(cast, setup, config)
-
-
-def plan_polar_cast(
-    endpoint_xy: ArrayLike, setup: Setup, config: PolarCastConfig | None = None
-) -> Trajectory:
-    """Plan a polar cast of the paper down to joint set points; see `polar_cast_path`.
-
-    Raises:
-        InputError: The point lies outside the region.
-        JointLimitError: The arm cannot follow; the message names each limit with its value.
-    """
-    if config is not None:
-        return follow(polar_cast_path(endpoint_xy, setup, config), setup, "this polar cast")
-    cast = PolarCast.back_to(endpoint_xy, PolarReach.of(setup))
-    return follow(cast.grip_path(setup), setup, "this polar cast", cast)
 
 
 def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> GripPath:
