@@ -49,7 +49,7 @@ class ParamInfo:
         factor: Ratio of either end of the fit's range to the middle: the believed value, or for the
             arm of an attachment that of a uniform rod of its length; None where `search` says.
         search: Range of a fit; None where `factor` says, or no fit finds the number.
-        usual: Most likely value of a real cable whose file leaves it out.
+        usual: Most likely value for a real cable whose file leaves it out.
         deviation: Standard deviation of the truth about the believed value, unless a cable's file
             gives another: a factor (1.1 is 10 % more or less) where logarithmic, else in the unit.
         over_length: Whether `search` and `deviation` are to be divided by the cable's length.
@@ -68,7 +68,7 @@ class ParamInfo:
 
 # The upper bounds are well above any rope, wire or hose of half a metre to a metre that a UR5 would
 # cast. Deviations: a kitchen scale tells masses; an attachment is a point mass that stands for an
-# extended body; stiffnesses are known to an order of magnitude; dampings and lever arms are hardly
+# extended body; stiffnesses are known to an order of magnitude; dampings and lever arms are barely
 # known at all.
 _FRICTION = ParamInfo(
     # The product of two such factors spans 0.02 to 2.
@@ -256,7 +256,7 @@ class CableParams:
 
     @property
     def has_material(self) -> bool:
-        """Whether some value beside the ten does something."""
+        """Whether some value besides the ten does something."""
         other = set(PARAMS) - set(PAPER_PARAMS) - {"yield_time"}
         return any(np.any(np.asarray(getattr(self, n)) != PARAMS[n].default) for n in other)
 
@@ -400,7 +400,7 @@ class Cable:
         """Return the cable with other physics.
 
         Args:
-            params: The physics; that of the cable where None.
+            params: The physics; that of the cable if None.
             **values: Values of `CableParams` that differ from it.
         """
         params = dataclasses.replace(params or self.params, **values)
@@ -490,7 +490,7 @@ def guess_params(
         mass: Mass of the cable without its attachment [kg].
         kind: One of `KIND_NAMES`. The rigidity of a rope grows with its section, that of a hose is
             that of a rubber tube of this mass, that of a wire is that of its sliding strands and
-            its sheath, and a chain has hardly any.
+            its sheath, and a chain has almost none.
         attachment: Attachment at the free end.
 
     Returns:

@@ -3,7 +3,7 @@
 from cablecast.cable import load_cable
 from cablecast.cli.tune import material_words
 
-HAS = "beside the ten parameters, the cable has "
+HAS = "besides the ten parameters, the cable has "
 
 
 def words_of(**material):

@@ -71,7 +71,7 @@ def test_a_tuning_result_is_shown_over_the_casts_that_it_was_fitted_to(rig, engi
     assert len(found) == 3
     assert found.tuned.params.mass == fitted.mass
     write_tuning(tmp_path / "tune", fitted, "of nothing here")
-    with pytest.raises(DatasetError, match="do not lie beside it"):
+    with pytest.raises(DatasetError, match="do not lie next to it"):
         open_collection(tmp_path / "tune")
 
 

@@ -200,7 +200,7 @@ class FewCastResidual:
     def fitted(self, rows: NDArray[np.bool_] | None = None) -> "FewCastResidual":
         """Return the process with the most likely scales, given the prior and the casts.
 
-        `rows` are the casts that tell the scales, shape [cast]; all where None. Those that the
+        `rows` are the casts that tell the scales, shape [cast]; all if None. Those that the
         simulator was fitted to do not: their residuals are smaller than those of others will be.
         """
         chosen = np.ones(len(self), dtype=bool) if rows is None else rows
@@ -396,7 +396,7 @@ class Experience:
                 without one.
             fitted: Whether the simulator was fitted to the cast.
             aimed: Whether the cast was aimed at a target.
-            age: Factor of its noise where it is known; drifts are noticed where None.
+            age: Factor of its noise where it is known; drifts are noticed if None.
         """
         ended = Places.join([self.ended, place])
         if residual is None:

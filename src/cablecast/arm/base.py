@@ -112,11 +112,11 @@ class JointLimits:
         cls,
         values: Mapping[str, Any],
         joint_count: int,
-        usual: Mapping[str, tuple[float, ...]] | None = None,
+        defaults: Mapping[str, tuple[float, ...]] | None = None,
     ) -> "JointLimits":
-        """Return limits from plain values, which go before the usual ones."""
+        """Return limits from plain values, which replace the defaults."""
         known = {field.name for field in dataclasses.fields(cls)}
-        rows = dict(usual or {}) | {
+        rows = dict(defaults or {}) | {
             name: tuple(row) if isinstance(row, (list, tuple)) else row
             for name, row in check_keys(values, known, "arm limits").items()
         }

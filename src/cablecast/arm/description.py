@@ -153,7 +153,7 @@ def _read(path: pathlib.Path) -> tuple[Any, dict[str, _Stated], bool]:
             spec.modelfiledir = str(path.parent)
     except (ValueError, OSError) as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
-    # ROS names meshes by package; look for them beside the file.
+    # ROS names meshes by package; look for them next to the file.
     for mesh in spec.meshes:
         parts = pathlib.PurePosixPath(mesh.file).parts
         for start in range(len(parts)):
@@ -244,7 +244,7 @@ def _arm(
         has_dynamics: Whether the inertia of the links is known.
         mount: Mounting and gripper.
         tip: Body or site that is the flange; its z points out of it.
-        base_joint: Joint that turns the arm about the vertical; the first where None.
+        base_joint: Joint that turns the arm about the vertical; the first if None.
         cable_axis: Axis of the tip along which the cable leaves.
         link_radius: Radius of links without geometry [m].
         limits: Limits that replace those of the file.

@@ -441,7 +441,7 @@ class _Solver:
             q: Guesses, shape [pose, joint].
             radius: Distance of the flange from the base axis [m], shape [pose].
             turn: Turn of the cable [rad], shape [pose].
-            height: Height of the flange [m], shape [pose]; that of the solver where None.
+            height: Height of the flange [m], shape [pose]; that of the solver if None.
             pitch: Pitch of the grip [rad], shape [pose].
             rough: Number of steps without curvature.
         """

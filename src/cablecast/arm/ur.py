@@ -136,12 +136,12 @@ def ur_limits(model: str = "ur5") -> JointLimits:
     (56, 150 and 330 N·m), with the masses of his table (tests/arm/test_limits.py). The wrist joints
     carry little and get 40 rad/s², the largest value that the controller accepts.
     """
-    usual = {
+    ur5 = {
         "position": (2 * np.pi,) * 6,
         "velocity": (np.pi,) * 6,
         "acceleration": (20.0, 20.0, 20.0, 40.0, 40.0, 40.0),
     }
-    return JointLimits(**usual | _OTHERS.get(model.removesuffix("e"), {}))
+    return JointLimits(**ur5 | _OTHERS.get(model.removesuffix("e"), {}))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -158,7 +158,7 @@ class ArmUR(Arm):
     Attributes:
         model: Name of the arm, one of `ARM_MODELS`.
         base_yaw_deg: At 0 the arm points along y when its first joint is at zero.
-        limits: Joint limits; those of `ur_limits` where none are given.
+        limits: Joint limits; those of `ur_limits` by default.
     """
 
     model: str = "ur5"

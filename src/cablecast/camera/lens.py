@@ -163,7 +163,7 @@ class CameraView:
     def to_image(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return the pixels u, v [px], shape [..., 2], at which points [m], shape [..., 3], appear.
 
-        They are NaN for points beside or behind the camera.
+        They are NaN for points that are not in front of the camera.
         """
         seen = (np.asarray(points, dtype=float) - self.position) @ np.asarray(self.rotation).T
         depth = np.where(seen[..., 2] > 1e-3, seen[..., 2], np.nan)

@@ -35,7 +35,7 @@ class CameraSettings:
             1080p at 60 frames/s.
         exposure: Time during which a frame is exposed [s]. It is set on a device, and stated for a
             stream, whose camera is set by its own means.
-        focus: Focus of the lens in the units of its driver; unchanged where None. Autofocus is
+        focus: Focus of the lens in the units of its driver; unchanged if None. Autofocus is
             switched off in either case.
         clock: Source of frame times, one of `CLOCKS`.
         clock_offset: Time of the robot's clock when the camera's shows zero [s], from
@@ -44,14 +44,14 @@ class CameraSettings:
         row_time: Time by which each row is exposed later than the one above it [s]; 0 for a global
             shutter. A rolling shutter of 1080 rows that is read in 1/60 s has 1.5e-5 s.
         view_deg: Angle of view over the image's diagonal [deg], where no lens is given.
-        lens: Lens, from `cablecast calibrate lens`; found from the tags where None.
-        tags: Tags on the table; `default_layout` where None.
+        lens: Lens, from `cablecast calibrate lens`; found from the tags if None.
+        tags: Tags on the table; `default_layout` if None.
         tag_family: Family of these tags, a key of `cablecast.camera.tags.TAG_COUNTS`; that of the
             layout where it names one.
         end_tag: Tag on the cable's free end, which is followed in place of the marker.
         marker: Length and width of the marker along and across the cable [m].
         marker_hue: Hue of the marker on a table that counts as grey; 120 is green [deg].
-        films: Folder that keeps the film of each trial; none are kept where None.
+        films: Folder that keeps the film of each trial; none are kept if None.
     """
 
     source: str

@@ -1,4 +1,4 @@
-"""Fiducial tags on the table: where they lie, and where the robot stands that has touched them.
+"""Fiducial tags on the table: where they lie, and where the robot that touched them stands.
 
 Tags are of one family of AprilTag or ArUco, 36h11 where a layout names none. tools/make_tags.py
 writes pictures of those that a layout asks for, to print, and the layout as a file to edit.
@@ -39,7 +39,7 @@ FAMILY = "APRILTAG_36h11"
 _EDGE_X, _EDGE_Y = 0.105, 0.10
 """Distance of the outer tags' centres from the table's edges along x and y [m]."""
 _SPACING = 0.65
-"""Usual distance between tags along an edge [m]."""
+"""Typical distance between tags along an edge [m]."""
 _ROBOT_RADIUS = 0.3
 """Distance from the base within which the robot stands on the tags [m]."""
 
@@ -108,7 +108,7 @@ class EndTag:
         id: Number of the tag.
         size: Length of a side of its black square [m].
         family: Family of the tag; one of few cells is read when it is small.
-        height: Height of the tag above the table [m]; the cable's diameter where None.
+        height: Height of the tag above the table [m]; the cable's diameter if None.
     """
 
     id: int

@@ -65,7 +65,7 @@ _MODEL_OPTIONS = {
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Targets(TargetOptions):
     paper_targets: bool = False
-    """Aim at the paper's 32 targets, and show its errors beside those of the last tries."""
+    """Aim at the paper's 32 targets, and compare its errors with those of the last tries."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

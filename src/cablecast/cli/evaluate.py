@@ -115,7 +115,7 @@ class Evaluate(TargetOptions):
 
 
 def print_table(metrics: dict[str, Any], published: Any) -> None:
-    """Print the errors of metrics.json beside the paper's rows for the same cable."""
+    """Print the errors of metrics.json next to the paper's rows for the same cable."""
     from cablecast.cli import tables
     from cablecast.report.tables import five_cells, published_cells
 

@@ -14,7 +14,7 @@ class Film:
 
     The ending of --out says the kind: an HTML file holds all that it needs to turn, zoom and play
     the scene in any browser; an MP4 or a GIF shows it from behind the robot. Casts are blue as they
-    were seen; beside them, in purple, the simulator. Takes about ten seconds a cast.
+    were seen, the simulator's purple. Takes about ten seconds a cast.
     """
 
     casts: Annotated[pathlib.Path, argument("DIR")]

@@ -207,18 +207,18 @@ def _refuse(text: str) -> int:
 @contextlib.contextmanager
 def _plain_warnings() -> Iterator[None]:
     """Show a warning of ours as a line of its own, and one of a library as Python does."""
-    usual = warnings.formatwarning
+    before = warnings.formatwarning
 
     def text(message: Warning | str, category: type[Warning], *place: Any) -> str:
         if category is UserWarning:
             return f"cablecast: note: {' '.join(str(message).split())}\n"
-        return usual(message, category, *place)
+        return before(message, category, *place)
 
     warnings.formatwarning = text
     try:
         yield
     finally:
-        warnings.formatwarning = usual
+        warnings.formatwarning = before
 
 
 def _with_notes(error: BaseException) -> str:

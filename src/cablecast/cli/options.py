@@ -190,7 +190,7 @@ Workers = Annotated[
 
 
 def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float | None) -> "Setup":
-    """Return the set-up of --setup (the paper's where None), --cable and given motion options."""
+    """Return the set-up of --setup (the paper's if None), --cable and given motion options."""
     from cablecast.cable import load_cable
     from cablecast.setup import Setup, load_setup
 

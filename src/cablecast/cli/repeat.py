@@ -18,7 +18,7 @@ class Repeat:
     For each combination of speed and wrist turn, every action of the paper's grid that the arm can
     make is cast several times. Writes the casts, a table of the actions (actions.csv), the landings
     with their 95 % confidence ellipses (repeatability.png) and metrics.json, and prints the scatter
-    beside the paper's. By default these are 370 casts: four minutes on the virtual rig, two hours
+    next to the paper's. By default these are 370 casts: four minutes on the virtual rig, two hours
     on a robot. The same command resumes an interrupted run.
     """
 
@@ -74,7 +74,7 @@ class Repeat:
 
 
 def print_table(combinations: list[dict[str, Any]], rig: str) -> None:
-    """Print our scatter beside the paper's."""
+    """Print our scatter next to the paper's."""
     from cablecast.cli import tables
     from cablecast.evaluation.coverage import published_candidate
     from cablecast.report.tables import pct, share_pct

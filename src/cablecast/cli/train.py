@@ -18,7 +18,7 @@ class Train:
     """Train the model that predicts where a cast lands, on simulated and real casts.
 
     Also predicts the landings of 50,000 candidate motions, which `plan` and `evaluate` search. Part
-    of the casts is held out to measure the model's error, and a model card is written beside the
+    of the casts is held out to measure the model's error, and a model card is written next to the
     model. With --real, the model is then fine-tuned on casts of a robot. 36,000 casts take one to
     two minutes on two cores, and so does the Gaussian process. Training that was interrupted starts
     again.

@@ -89,11 +89,11 @@ class Tune:
 
 
 def material_words(params: "CableParams", length: float) -> str:
-    """Return what a fitted cable of some length [m] has beside the ten parameters, in words."""
+    """Return what a fitted cable of some length [m] has besides the ten parameters, in words."""
     from cablecast.cable import ROD_ARM
 
     if not params.has_material:
-        return "the casts are likelier without a material beside the ten parameters"
+        return "the casts are likelier without a material besides the ten parameters"
     words = []
     if params.drag_coefficient:
         words.append(f"a drag coefficient of {params.drag_coefficient:.2g}")
@@ -107,11 +107,11 @@ def material_words(params: "CableParams", length: float) -> str:
         words.append(f"bends that stay if they are sharper than {params.yield_curvature:.2g} 1/m")
     if params.attachment_arm:
         words.append(f"an attachment of {1e3 * params.attachment_arm / ROD_ARM:.0f} mm")
-    return f"beside the ten parameters, the cable has {', '.join(words)}"
+    return f"besides the ten parameters, the cable has {', '.join(words)}"
 
 
 def print_table(metrics: dict[str, Any], cable_name: str) -> None:
-    """Print the distances on the validation tracks beside the paper's for a cable of this name."""
+    """Print the distances on the validation tracks next to the paper's for a cable of this name."""
     from cablecast.cli import tables
     from cablecast.evaluation.published import published_tuning
     from cablecast.report.tables import pct

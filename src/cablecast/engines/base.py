@@ -235,7 +235,7 @@ def _hanging_angles(
             matrix[1] += added
             try:
                 after = now - solveh_banded(matrix, slope)
-                # Beside rounding.
+                # Up to rounding.
                 down_hill = energy(after) <= energy(now) + 1e-13 * (stiffness + pull.sum())
             except np.linalg.LinAlgError:
                 down_hill = False
@@ -321,7 +321,7 @@ class Engine(Protocol):
             initial_state: State at time 0, one row or one per world; by default `reset_state`.
             duration: Simulated time [s]; by default the longest motion plus `SETTLE_TIME`.
             sample_dt: Time between samples [s], rounded to whole steps of the engine.
-            far_path: Path that the far end is held on; free where None. Its direction is that in
+            far_path: Path that the far end is held on; free if None. Its direction is that in
                 which the cable arrives there, as the cable leaves the near gripper along that of
                 `grip_path`. `EngineWarp` clamps the far end in this direction and turns it by the
                 roll; the other engines hold its place only.

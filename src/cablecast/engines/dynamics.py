@@ -20,7 +20,7 @@ class Dynamics:
 
     Attributes:
         params: Physics of the cable, shared by all casts or one value per cast.
-        servo: Servo of the arm; it follows its set points exactly where None.
+        servo: Servo of the arm; it follows its set points exactly if None.
     """
 
     params: CableParams
@@ -62,7 +62,7 @@ class Dynamics:
         return values if self.servo is None else values | {"servo": self.servo.to_dict()}
 
     def with_params(self, params: CableParams | None) -> "Dynamics":
-        """Return the dynamics with other parameters; as they are where None."""
+        """Return the dynamics with other parameters; as they are if None."""
         return self if params is None else dataclasses.replace(self, params=params)
 
     def rows(self, rows: NDArray[np.bool_] | NDArray[np.int_] | slice) -> "Dynamics":

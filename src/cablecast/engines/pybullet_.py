@@ -99,7 +99,7 @@ class BulletWorld:
         cable: Geometry.
         params: Parameters of this world.
         path: Path of the gripper, one row.
-        far_path: Path of the far end, one row; free where None.
+        far_path: Path of the far end, one row; free if None.
         segment_count: Number of capsules.
         dt: Step [s].
         gravity: Acceleration of free fall [m/s²].

@@ -36,7 +36,7 @@ class EngineSpread:
         engine: Engine that each worker builds for itself; it also simulates batches that are too
             small to share.
         workers: See `check_workers`.
-        world_count: Worlds of a task; those that suit the engine where None.
+        world_count: Worlds of a task; those that suit the engine if None.
 
     Raises:
         InputError: The engine works in this process only.

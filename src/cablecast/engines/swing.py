@@ -26,7 +26,7 @@ SAMPLE_DT = KNOT_DT
 """Time between samples of a path [s]."""
 
 _FREE_NODES = 2
-"""First node that may touch the arm: those before it lie beside the stick that holds them."""
+"""First node that may touch the arm: those before it lie along the stick that holds them."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,7 @@ class SwingModel:
         duration: Duration of a path [s].
         respond: Function from set points [rad], shape [..., tick, joint], and the time between them
             [s] to the angles that follow them, such as `ServoModel.respond`; the joints are where
-            they are set where None.
+            they are set if None.
     """
 
     moves: JointMoves

@@ -105,7 +105,7 @@ def difference_interval(first: ArrayLike, second: ArrayLike) -> tuple[float, flo
 
 
 def share_of_smaller_median(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    """Return how often one method has the smaller median error when the targets are drawn anew.
+    """Return how often one method has the smaller median error, over bootstrap draws of targets.
 
     Misses at one target are correlated, so whole targets are drawn, with replacement. Errors are
     NaN without a landing, shape [target, cast]; a draw without a landing counts for neither.

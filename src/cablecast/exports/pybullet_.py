@@ -56,7 +56,7 @@ def urdf(model: CableModel) -> str:
     at = 0.0
     for index, (own, own_mass) in enumerate(parts):
         across = own_mass * (own**2 / 12 + radius**2 / 4)
-        # A light spin is unstable at this step; and whether a cable rolls hardly moves its casts.
+        # A light spin is unstable at this step; and whether a cable rolls barely moves its casts.
         links.append(_link(f"segment_{index}", own_mass, across, own, radius, True))
         joints.append(_joint(f"joint_{index}", "spherical", parent, f"segment_{index}", at))
         parent, at = f"segment_{index}", own
@@ -67,7 +67,7 @@ def urdf(model: CableModel) -> str:
     body = "\n".join(links + joints)
     return (
         f'<?xml version="1.0"?>\n<!--\n{text}\n\nThe springs are not part of URDF: the script '
-        f'beside this file sets them.\n-->\n<robot name="{model.cable.name}">\n{body}\n</robot>\n'
+        f'next to this file sets them.\n-->\n<robot name="{model.cable.name}">\n{body}\n</robot>\n'
     )
 
 

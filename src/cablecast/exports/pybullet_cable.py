@@ -17,7 +17,7 @@ class Cable:
 
     Args:
         client: pybullet_utils.bullet_client.BulletClient, or the module pybullet itself.
-        urdf: File; that beside this one by default.
+        urdf: File; the one next to this script by default.
     """
 
     def __init__(self, client: Any, urdf: pathlib.Path | str | None = None):

@@ -81,7 +81,7 @@ class CastTask:
             distance of its resting point on an endless plane. An engine knows that, a rig does not.
         fail_reward: Reward of a cast without a landing, and of a motion that the arm cannot make.
         targets: Targets to draw from [m], shape [target, 2]; drawn from the sector of the paper's
-            targets where None.
+            targets if None.
     """
 
     setup: Setup
@@ -145,7 +145,7 @@ class CastTask:
                 return chosen[:count]
         low, high = TARGET_RADII
         raise InputError(
-            f"this table has hardly a place {low} to {high} m from the robot within reach of the "
+            f"this table has almost no place {low} to {high} m from the robot within reach of the "
             "cable: give targets=[[x, y], ...]"
         )
 

@@ -29,7 +29,7 @@ FEATURE_COUNT = ACTION_SIZE
 DEVIATION = np.array([np.radians(1.0), np.radians(1.0), 0.01, np.radians(1.0), 0.01])
 """Execution error assumed in (theta1, theta2, r2, psi, pace): 1 degree, 1 cm and 1 % of v_max."""
 
-# A spread below this is rounding; dividing by it would blow the rounding up.
+# A spread below this is rounding, which division by it would amplify.
 _SCALE_MIN = 1e-9
 _ENDPOINT_SCALE_MIN = 1e-6
 
@@ -204,7 +204,7 @@ def central_shifts(
     Returns:
         Shift of the outcome by central differences [m], shape [action, k, change].
     """
-    # One call for all of them: a network takes hardly longer for many rows than for a few.
+    # One call for all of them: a network takes barely longer for many rows than for a few.
     rows = (actions + np.stack([changes, -changes])[:, :, None]).reshape(-1, actions.shape[1])
     predicted = predict(rows)
     ahead, back = predicted.reshape(2, len(changes), len(actions), predicted.shape[1])

@@ -364,8 +364,8 @@ class ForwardSearchPolicy:
     axis is stored as its mirror image, which lands on the right.
 
     Among candidates that are equally near up to `TIE_PCT`, the policy takes the one whose landing
-    is least sensitive to errors of the action. A rig's motion and cable never quite match the
-    model; this candidate is the most likely to land where predicted.
+    is least sensitive to errors of the action. Since a rig never quite matches the model, it is
+    the most likely to land where predicted.
 
     The chosen action is then refined so that its predicted landing is on the target; see
     `refine_actions`. That takes a third of a millisecond per target, mostly to check feasibility.

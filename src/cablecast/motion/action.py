@@ -4,7 +4,7 @@ An action is (theta1, theta2, r2, psi, pace). The gripper sweeps from straight a
 back to theta2 while its radius changes from r0 to r2. psi is the final heading of the cable at the
 gripper (paper, section V-B, equations 2 and 3). The paper makes every motion as fast as v_max and
 the jerk of the set-up allow, a pace of 1; at another pace the same path takes 1 / pace as long.
-Batches are arrays of shape [action, 5]; without a pace, [action, 4], the paper's is meant.
+Batches are arrays of shape [action, 5]; [action, 4] means the paper's pace.
 
 Models predict casts to the right; casts to the left are their mirror images. `side` is +1 for the
 right and -1 for the left.
@@ -30,7 +30,7 @@ R2_BOUNDS = (0.05, 5.0)
 PSI_MAX = np.pi
 """Largest final heading of the cable [rad]."""
 PACE_BOUNDS = (0.05, 3.0)
-"""Bounds of the pace [-]; slower, a motion lasts longer than anybody waits."""
+"""Bounds of the pace [-]; slower motions would take too long."""
 
 
 def action_numbers(values: ArrayLike) -> NDArray[np.float64]:

@@ -177,16 +177,14 @@ def check_actions(
     both_sides: bool = True,
     progress: ProgressCallback = ignore,
 ) -> Feasibility:
-    """Check casting motions against all that limits the arm: what it cannot do is not chosen.
-
-    These are its reach and its joints, the table's near edge, and the box of its robot.
+    """Check casting motions against the arm's reach and joints, the table and the robot's box.
 
     Args:
         actions: theta1, theta2 [rad], r2 [m], psi [rad], pace [-], shape [action, 5].
         setup: Arm and its limits, workspace, motion settings and robot.
         both_sides: Whether the mirror image of an action must be feasible too, so that it serves
             targets on either side.
-        progress: Told how many are checked.
+        progress: Receives how many are checked.
 
     Raises:
         ActionError: An action is not a casting motion; see `check_action_values`.
@@ -215,7 +213,7 @@ _TURN = float(np.radians(90.0))
 _FOLDED = 0.37
 _RANGE_COUNTS, _PACE_COUNT = (8, 8, 8, 4), 3
 # Share of the feasible actions that lies beyond either end of a range: a few at the limits of speed
-# do not widen it to where hardly any motion is feasible.
+# do not widen it to where almost no motion is feasible.
 _RANGE_TAIL = 0.02
 
 
@@ -267,7 +265,7 @@ def _pace_count(ranges: ActionRanges) -> int:
 
 
 def widest_ranges(setup: Setup, pace: tuple[float, float] = (1.0, 1.0)) -> ActionRanges:
-    """Return the ranges beyond which no motion is looked for: to where the arm folds or ends."""
+    """Return the widest ranges that are searched: up to where the arm folds or ends."""
     workspace, r0 = setup.workspace, setup.motion.r0
     # The polar origin lies behind the base, or in front of it where this is negative.
     behind = r0 - workspace.reset_y
@@ -332,7 +330,7 @@ def feasible_grid(
         setup: Arm, workspace and motion settings.
         ranges: Ranges of the grid; `feasible_ranges` if None.
         seed: Seed for the random choice.
-        progress: Told how many motions of the grid are checked.
+        progress: Receives how many motions of the grid are checked.
 
     Returns:
         Actions in grid order, shape [count, 5].
@@ -420,7 +418,7 @@ def feasible_uniform(
         setup: Arm, workspace and motion settings.
         ranges: Ranges to draw from; `feasible_ranges` if None.
         seed: Seed for the draws.
-        progress: Told how many are found.
+        progress: Receives how many are found.
 
     Returns:
         Actions in drawing order, shape [count, 5].

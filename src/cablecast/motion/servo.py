@@ -32,7 +32,7 @@ _STEP = 0.016
 # Time steps between the knots of the resulting path, and the time between them [s].
 _KNOT_STEPS = 2
 _KNOT_DT = _KNOT_STEPS * _STEP
-# Knots beyond the usual end of a path in which a joint with a weak motor still may arrive: 1 s.
+# Knots beyond the normal end of a path, in which a joint with a weak motor may still arrive: 1 s.
 _CATCH_UP_KNOTS = 31
 # Angle from its last set point at which such a joint is still on its way [rad].
 _AWAY = 1e-4

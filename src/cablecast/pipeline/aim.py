@@ -232,7 +232,7 @@ def prepare_aim(
         calibrates = True
         casts = _calibration_casts(rig, config, folder, progress)
         tuned = learning.fit(casts, folder, progress)
-        # Not once the session has cast at a target: a new fit is due then where it is worth it.
+        # Once the session has cast at a target, `refit_due` decides.
         new = config.refit and all(cast.proposal is None for cast in store.casts)
         if new and (distance := poor_fit(tuned)):
             percent = 100.0 * distance
@@ -255,7 +255,7 @@ def prepare_aim(
 
 
 def _keep_rig(folder: pathlib.Path, rig: CheckedRig) -> None:
-    """Note whose casts a folder has, so that none of another rig are taken for them."""
+    """Record whose casts a folder holds, to refuse another rig."""
     parts, here = Parts(folder), plain_settings({"rig": dict(rig.description)})
     there = parts.get(RIG_PART)
     if there is None:
@@ -275,7 +275,7 @@ def _began_otherwise(folder: pathlib.Path) -> bool:
 
 
 def _keep_fit(folder: pathlib.Path | None, tuned: Tuned) -> None:
-    """Keep a given fit, so that the session needs its file no more."""
+    """Copy a given fit into the folder of the session."""
     file = folder and folder / TUNE_FOLDER / PARAMS_FILE
     if file is not None and not file.exists():
         write_params(file, tuned.to_dict())
@@ -300,12 +300,12 @@ def _calibration_casts(
     progress: ProgressCallback,
     tuned: Tuned | None = None,
 ) -> Dataset:
-    """Return the first casts; with a fit to these, as many again, spread by its landings."""
+    """Return the calibration casts; given a fit to these, as many again, spread by its landings."""
     count, second = config.calibration_count, tuned is not None
     path = folder and folder / (SECOND_FOLDER if second else CALIBRATION_FOLDER)
     task = f"1/4 {count} {'more ' * second}casts to fit to"
     if path is not None and (path / METRICS_FILE).exists():
-        # To choose their actions, thousands of casts are simulated.
+        # Choosing their actions anew would simulate thousands of casts.
         made = read_dataset(path)
         description = plain_settings({"rig": dict(rig.description)})["rig"]
         is_same = (len(made), made.settings.values["rig"]) == (count, description)
@@ -318,7 +318,7 @@ def _calibration_casts(
         threading.Thread(target=_get_ready, args=(rig.setup, config), daemon=True).start()
     return collect(
         rig,
-        # On a rig that draws chances, the second casts have others than the first.
+        # On a rig with random effects, the second casts draw others than the first.
         purpose="real" if second else "tune",
         count=count,
         sampling="spread",
@@ -340,7 +340,7 @@ def compile_for_fits() -> None:
 
 
 def _get_ready(setup: Setup, config: AimConfig) -> None:
-    """Do, beside the first casts, what these do not decide: what is cached makes later steps short.
+    """Prepare, during the first casts, what does not depend on them.
 
     What fails here fails again where it is needed.
     """
@@ -419,7 +419,7 @@ class _Learning:
             return None
         finished = f"{FITS_FOLDER}/*/{MODEL_FOLDER}/{METRICS_FILE}"
         names = [file.parts[-3] for file in self.folder.glob(finished)]
-        # A copy that somebody kept beside them is none.
+        # A copy that somebody kept there is none.
         names = [name for name in names if re.fullmatch(r"\d{5,}-\d{5,}", name)]
         if not names:
             return None

@@ -41,7 +41,7 @@ from cablecast.vision.video import read_pictures, read_video
 SYNC_ACTION = Action(-0.5, 0.5, 0.6, 0.5)
 """Cast by which the clocks are compared: to the left, and as far to the right."""
 AXIS_OFFSET_MAX = 0.01
-"""Distance of the robot's axis from the table's middle line that is not worth a word [m]."""
+"""Distance of the robot's axis from the table's middle line that is not reported [m]."""
 
 _CALIBRATION_FRAMES = 8
 _BOARD_MOVE, _BOARD_STILL = 0.08, 1.0

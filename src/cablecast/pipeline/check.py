@@ -416,7 +416,7 @@ def _try_changes(
         try:
             changed = _with(setup, values)
             share = _share(changed, seed)
-            # The best of many is often the luckiest: it has to reach as much with other casts.
+            # The best of many owes much to chance: it must reach as much with other casts.
             if share >= max(least, best[kind].share if kind in best else 0.0):
                 share = 0.5 * (share + _share(changed, (seed + 1) % (SEED_MAX + 1)))
         except InputError:

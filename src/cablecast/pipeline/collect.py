@@ -57,8 +57,8 @@ def collect(
 
     Args:
         rig: Rig that `make_rig` returned; gives the set-up.
-        purpose: Purpose of the casts: "tune" (D_tune) or "real" (D_real). Each draws chances of
-            its own on a rig that draws any.
+        purpose: Purpose of the casts: "tune" (D_tune) or "real" (D_real). Each has random
+            effects of its own on a rig that has any.
         count: Number of casts; the paper's 80 or 200 if None.
         sampling: Choice of actions: "uniform" over their ranges, on a "grid", or "spread", so that
             the simulated landings are spread over the table; as in the paper if None.
@@ -78,7 +78,7 @@ def collect(
     setup = rig.setup
     how = sampling or SAMPLINGS[purpose]
     is_finished = out is not None and (pathlib.Path(out) / METRICS_FILE).is_file()
-    # Who has a fit has cast before.
+    # With a fit, casts were made before.
     if dynamics is None and not is_finished:
         progress(Progress(task=f"Checking what casts of {setup.cable.name} reach"))
         found = check(setup, changes=False)

@@ -97,7 +97,7 @@ def evaluate(
                 repeats=repeats,
                 progress=progress,
             )
-            # Casts that were missing have just been made again: the old figures are not theirs.
+            # Missing casts were just made again: the old metrics are not of these.
             if stored is not None and stored.get("casts_fingerprint") == evaluation.fingerprint:
                 return dataclasses.replace(evaluation, metrics=stored)
             metrics = evaluation_metrics(evaluation)

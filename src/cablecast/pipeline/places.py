@@ -22,7 +22,7 @@ _EXTRAS = {
 
 @contextlib.contextmanager
 def folder_or_temporary(out: str | os.PathLike[str] | None) -> Iterator[pathlib.Path]:
-    """Yield a folder of results, or one that is removed afterwards where none was asked for."""
+    """Yield a folder of results, or a temporary one if None."""
     if out is not None:
         yield pathlib.Path(out)
         return

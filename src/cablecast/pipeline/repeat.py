@@ -1,4 +1,4 @@
-"""repeat: make equal casts again and again, and measure how far apart they land."""
+"""repeat: measure how far apart equal casts land."""
 
 import contextlib
 import dataclasses
@@ -86,7 +86,7 @@ def repeat(
         rig: Rig that `make_rig` returned; its set-up gives r0, the combination the speed.
         combinations: Speeds of the gripper [m/s], with psi where the wrist turns, too.
         repeats: Casts of each action.
-        action_count: Number of actions of each of the paper's grids, chosen by chance; all that the
+        action_count: Number of actions of each of the paper's grids, drawn at random; all that the
             arm can make if None.
         actions: Actions to repeat instead, shape [action, 5].
         seed: Seed of the choice of actions.

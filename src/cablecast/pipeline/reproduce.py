@@ -169,7 +169,7 @@ def reproduce(
 
     For each cable: cast on the rig, tune the simulator, choose the system parameters, simulate,
     cast again, train, and evaluate every method at the 32 targets. All is done as the paper says;
-    our way to plan stands beside it under a name of its own. Work that was stopped goes on when it
+    our way to plan stands next to it under its own name. Work that was stopped goes on when it
     is called again with the same folder.
 
     Args:
@@ -179,7 +179,7 @@ def reproduce(
         budget: Amount of everything.
         rig: Rig that carries out the casts, as `make_rig` takes it.
         engine: Simulator, see `make_engine`; the paper's is "pybullet".
-        seed: Seed of everything that is drawn by chance.
+        seed: Seed of all random numbers.
         device: "cpu" or "cuda".
         workers: Who simulates: "local", "ray" for a cluster on this machine, or "ray:ADDRESS".
         progress: Receives the stage and its progress.

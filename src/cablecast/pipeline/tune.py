@@ -57,11 +57,11 @@ def tune(
         casts: Casts that `collect` recorded; two are enough for a fit by least squares.
         config: A `FitConfig` for a fit by least squares with a prior, which is the default, or a
             `TuneConfig` for the paper's search.
-        validation_count: Casts that are held out, possibly 0 for a fit by least squares. Where None
+        validation_count: Casts that are held out, possibly 0 for a fit by least squares. If None
             a quarter, as in the paper, but 0 for such a fit to fewer than 20 casts.
         path: Motion of the gripper to simulate: the commanded one, or what the arm reported.
             "auto" takes the reported one where there is one.
-        engine: Simulator, see `make_engine`. Only "warp" fits material parameters beside the ten,
+        engine: Simulator, see `make_engine`. Only "warp" fits material parameters besides the ten,
             and other physics for `aim`.
         segment_count: Segments of the simulated cable; the engine's default if None.
         dt: Time step [s]; the engine's default if None.

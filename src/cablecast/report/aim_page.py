@@ -38,7 +38,7 @@ Beyond = tuple[NDArray[np.float64], str]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tried:
-    """What came of the targets of one call of `aim`.
+    """Outcome of one call of `aim`.
 
     Attributes:
         session: Session that the casts belong to.
@@ -131,7 +131,7 @@ def aim_page(tried: Tried, config: Mapping[str, Any]) -> str:
 
 
 def _target_rows(tried: Tried) -> list[tuple[str, str, str]]:
-    """Return each target, what came of it, and the miss of each try."""
+    """Return each target, its outcome, and the miss of each try."""
     length = tried.session.setup.cable.length
     rows = []
     for xy, casts, stop in zip(tried.every.target_xy, tried.tries, tried.stops, strict=True):
@@ -146,7 +146,7 @@ def _target_rows(tried: Tried) -> list[tuple[str, str, str]]:
 
 
 def _outcome_text(casts: Sequence[Cast], stop: Stop | None) -> str:
-    """Return what came of a target."""
+    """Return the outcome at a target in words."""
     hits = [cast.try_number for cast in casts if cast.hit]
     if hits:
         return f"hit at try {hits[0]}"
@@ -157,7 +157,7 @@ def _outcome_text(casts: Sequence[Cast], stop: Stop | None) -> str:
 
 
 def _arm_table(casts: Sequence[Cast], setup: Setup) -> Table:
-    """Return a row for each cast: what it asked of the joints, and how they followed."""
+    """Return a row for each cast: demands on the joints, and how they followed."""
     names, limits = setup.arm.joint_names, setup.arm.limits
     rows = []
     for cast in casts:

@@ -1,4 +1,4 @@
-"""Figures of numbers: errors beside the paper's, errors by target, and learning curves."""
+"""Figures of numbers: errors next to the paper's, errors by target, and learning curves."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""The report of a reproduction: one HTML page with every experiment beside the published one."""
+"""The report of a reproduction: one HTML page with every experiment next to the published one."""
 
 import base64
 import dataclasses

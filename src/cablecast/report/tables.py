@@ -239,7 +239,7 @@ def split_table(evaluations: Mapping[str, Metrics], title: str) -> Table | None:
 
 
 def coverage_table(selection: Metrics) -> Table:
-    """Make a table of the coverage of every combination, beside the paper's."""
+    """Make a table of the coverage of every combination, next to the paper's."""
     published = {(c.r0, c.v_max, c.with_psi): c for c in PUBLISHED_CANDIDATES}
     chosen = tuple(selection["choice"][name] for name in ("r0", "v_max", "with_psi"))
     rows = []

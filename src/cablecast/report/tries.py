@@ -62,7 +62,7 @@ def tries_map(
 ) -> "Figure":
     """Draw every try (`repeat`) on the table, how far each missed, and hits against tries.
 
-    Many targets are summed up: what share of them was within a distance after each try.
+    Many targets are summarised by the share within a distance after each try.
 
     Args:
         evaluation: Every try at every target.

@@ -24,7 +24,7 @@ DRIFT_NOTE = (
 )
 BLIND_NOTE = (
     "; the camera cannot tell the marker at the target from something else of its colour, so that "
-    "casts land beside it"
+    "casts land off it"
 )
 
 # Steps of this many degrees, centimetres or hundredths of the pace, together, lead to another

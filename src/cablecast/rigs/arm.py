@@ -158,7 +158,7 @@ class RigArm(RigLifecycle):
         return getattr(self.camera, "sight", lambda: None)()
 
     def close(self) -> None:
-        """Stop the arm, and let go of controller and camera."""
+        """Stop the arm, and release controller and camera."""
         if self._closed:
             return
         super().close()

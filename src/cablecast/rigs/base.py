@@ -63,7 +63,7 @@ class Rig(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of what the rig holds; it may be called twice."""
+        """Release the rig's resources; may be called twice."""
         ...
 
 
@@ -89,7 +89,7 @@ class RigLifecycle:
         self._is_reset = True
 
     def close(self) -> None:
-        """Let go of what the rig holds; it may be called twice."""
+        """Release the rig's resources; may be called twice."""
         self._closed = True
 
     def _check_open(self) -> None:
@@ -107,7 +107,7 @@ class RigLifecycle:
 def purpose_seed(seed: int, purpose: str = "") -> int:
     """Return the seed of a rig's trials for a purpose.
 
-    With one seed for all, the n-th cast to tune with would have the same luck as the n-th cast
+    With one seed for all, the n-th cast to tune with would be scattered like the n-th cast
     that the tuned simulator is tested on.
 
     Args:
@@ -154,7 +154,7 @@ def run_trials(
 
 @contextlib.contextmanager
 def foreign_code(failure: str) -> Iterator[None]:
-    """Turn whatever somebody else's code raises into a RigError of one line.
+    """Turn whatever foreign code raises into a RigError of one line.
 
     Errors of cablecast and the user's interrupt pass as they are.
 
@@ -171,6 +171,6 @@ def foreign_code(failure: str) -> Iterator[None]:
 
 
 def error_line(error: BaseException) -> str:
-    """Return what went wrong in somebody else's code, in one line."""
+    """Return an error of foreign code in one line."""
     text = " ".join(str(error).split())[:_ERROR_LENGTH_MAX]
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,6 +1,6 @@
 """CheckedRig: any rig behind checks of its answers, a time limit, and errors of one line.
 
-A rig may be anybody's code, and a wrong unit or frame looks like data. Each check refuses what no
+A rig may be foreign code, and a wrong unit or frame looks like data. Each check refuses what no
 real trial can give, and names the value and the bound.
 """
 
@@ -61,7 +61,7 @@ JOINT_ANGLE_MAX = 4 * np.pi
 JOINT_LAG_MAX = 0.3
 """Longest time by which joints trail their set points [s]."""
 JOINT_OFFSET_MAX = 0.5
-"""Largest distance of joints from their set points beside that lag [rad]."""
+"""Largest distance of joints from their set points besides that lag [rad]."""
 
 _DEPTH_MAX = 20
 _CLOCK_TOLERANCE = 1e-3
@@ -145,7 +145,7 @@ class CheckedRig(RigLifecycle):
         return self._checked(track, trajectory)
 
     def close(self) -> None:
-        """Let go of what the rig holds; it may be called twice.
+        """Release the rig's resources; may be called twice.
 
         Where another error is on its way, an error in closing is added to it as a note.
         """

@@ -128,7 +128,7 @@ class ArmDriver(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the controller; it may be called twice."""
+        """Disconnect; may be called twice."""
         ...
 
 

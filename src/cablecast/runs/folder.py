@@ -425,7 +425,7 @@ def record_run(
     settings: Mapping[str, Any],
     status_counts: Mapping[str, int],
 ) -> None:
-    """Write config.json and metrics.json beside a dataset, which checks its own settings."""
+    """Write config.json and metrics.json next to a dataset, which checks its own settings."""
     metrics = {"cast_count": sum(status_counts.values()), "status_counts": dict(status_counts)}
     run = RunFolder(
         path=pathlib.Path(path),

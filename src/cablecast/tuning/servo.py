@@ -177,11 +177,11 @@ def identify_servo(dataset: Dataset, count: int | None = None) -> ServoFit:
     known = [fit for fit in fits if fit is not None]
     if not known:
         raise DatasetError("no joint moves in any trial: its servo cannot be identified")
-    usual = np.median(known, axis=0)
+    median = np.median(known, axis=0)
     limited = [
-        np.array([*usual, np.inf, np.inf])
+        np.array([*median, np.inf, np.inf])
         if fit is None
-        else _fit_limits(motions, joint, fit, usual)
+        else _fit_limits(motions, joint, fit, median)
         for joint, fit in enumerate(fits)
     ]
     model = ServoModel(**dict(zip(_NAMES, np.transpose(limited), strict=True)))
@@ -220,7 +220,7 @@ def _fit_joint(motions: _Motions, joint: int) -> NDArray[np.float64] | None:
 
 
 def _fit_limits(
-    motions: _Motions, joint: int, values: NDArray[np.float64], usual: NDArray[np.float64]
+    motions: _Motions, joint: int, values: NDArray[np.float64], median: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the values of one joint, with limits of its motor where the casts ask for them.
 
@@ -228,8 +228,8 @@ def _fit_limits(
         motions: Set points and reported angles.
         joint: Number of the joint.
         values: Delay [s], frequency [rad/s] and damping [-] that fit it best without limits.
-        usual: Those of the other joints, from which the search starts: without limits, a lag makes
-            up for a weak motor.
+        median: Median values of all joints, from which the search starts: without limits, a lag
+            makes up for a weak motor.
 
     Returns:
         The values in the order of `_NAMES`; limits are infinite where there are none.
@@ -245,7 +245,7 @@ def _fit_limits(
         return without
     speeds = np.abs(np.diff(motions.measured[:, joint]) / np.diff(motions.times))
     fastest = np.quantile(speeds[np.diff(motions.trial) == 0], _FASTEST)
-    grid = np.array([(*usual, a, v * fastest) for a in _ACCELERATIONS for v in _SPEEDS])
+    grid = np.array([(*median, a, v * fastest) for a in _ACCELERATIONS for v in _SPEEDS])
     starts = grid[np.argsort([np.sum(residuals(start) ** 2) for start in grid])[:_LIMIT_STARTS]]
     low, high = np.log(np.maximum(_LIMITS, 1e-6))
     fits = [

@@ -136,7 +136,7 @@ class SearchSpace:
         If a believed value is zero, a stiffness takes the range of the other stiffness, and the
         endpoint mass ranges up to half of the cable's mass.
 
-        Materials are parameters to find beside the ten, some of `FITTED_MATERIAL`. One that the
+        Materials are parameters to find besides the ten, some of `FITTED_MATERIAL`. One that the
         cable's file gives is kept, and so is the arm of a cable without attachment.
 
         Raises:
@@ -252,13 +252,13 @@ class ParamPrior:
     @classmethod
     def for_cable(cls, cable: Cable, space: SearchSpace) -> "ParamPrior":
         """Return what is believed of a cable before any cast, in the coordinates of a space."""
-        usual, deviation = {}, []
+        typical, deviation = {}, []
         for name in space.names:
             info = PARAMS[name]
             if name == "attachment_arm":
-                usual[name] = _rod_arm(cable)
+                typical[name] = _rod_arm(cable)
             elif info.usual is not None:
-                usual[name] = info.usual
+                typical[name] = info.usual
             given = cable.deviations.get(name, info.deviation or 1.0)
             deviation.append(given * (1.0 / cable.length) if info.over_length else given)
         values = np.array(deviation, dtype=float)
@@ -272,7 +272,7 @@ class ParamPrior:
         # An endpoint mass of zero is searched on a linear scale: its factor has no meaning.
         free = ~space.logarithmic & [PARAMS[name].logarithmic for name in space.names]
         return cls(
-            mean=space.to_unit(dataclasses.replace(cable.params, **usual)),
+            mean=space.to_unit(dataclasses.replace(cable.params, **typical)),
             deviation=np.where(free, 0.5, unit),
         )
 

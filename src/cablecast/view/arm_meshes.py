@@ -137,7 +137,7 @@ def _compile(path: pathlib.Path) -> tuple[Any, Any]:
         spec = mujoco.MjSpec.from_file(str(path))
         for mesh in spec.meshes:
             mesh.file = _found_mesh(mesh.file, path.resolve().parent)
-        # A URDF has meshes to show beside those to collide with.
+        # A URDF has meshes to show and others to collide with.
         spec.compiler.discardvisual = False
         return mujoco, spec.compile()
     except (ValueError, OSError) as error:

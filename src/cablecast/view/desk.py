@@ -1,8 +1,7 @@
 """Desk: what a person does at the table, without a page: point, look at the plan, cast, correct.
 
 The casts are those of a session of `aim`. Every value that comes from a page is checked here.
-Methods may be called from any thread; a cast takes the desk for itself, so that two people never
-cast at once.
+Methods may be called from any thread; a cast locks the desk, so that two people never cast at once.
 """
 
 import copy
@@ -69,7 +68,7 @@ class Preview:
 class Desk:
     """State of the table and of the tries at it.
 
-    The engine simulates the previews; it is the usual one where None.
+    The engine simulates the previews; `make_engine` makes it if None.
 
     Attributes:
         setup: Set-up of the rig.
@@ -262,7 +261,7 @@ class Desk:
                 self._casting = False
 
     def undo(self) -> Cast:
-        """Take the last try back: it is kept, and no plan uses it from now on."""
+        """Discard the last try: it is kept, and no plan uses it from now on."""
         with self._lock:
             self._refuse_casting()
             if (last := self.last) is None:

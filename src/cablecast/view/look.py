@@ -161,8 +161,8 @@ class Shot:
 
     Attributes:
         cast: Cast in blue, solid.
-        other: Second cast in purple, thin, e.g. what was expected; none where None.
-        target_xy: Target [m], shape [2]; none where None.
+        other: Second cast in purple, thin, e.g. what was expected; none if None.
+        target_xy: Target [m], shape [2]; none if None.
         caption: Line below the picture while the cast plays.
         result: Line below the picture once the cable rests.
     """
@@ -223,7 +223,7 @@ class Collection:
         return ShownCast.simulated(motion, self.setup, engine, dynamics)
 
     def shot(self, index: int, engine: Engine) -> Shot:
-        """Return a cast to be filmed: as it was seen, beside the simulator."""
+        """Return a cast to be filmed: as it was seen, next to the simulator."""
         check_count("cast", index, 0, len(self) - 1)
         measured = self.measured(index)
         target, label = self.target_xy[index], self.labels[index]
@@ -245,8 +245,8 @@ class Collection:
 def open_collection(folder: str | os.PathLike[str]) -> Collection:
     """Return the casts of a dataset, or of a folder of `evaluate`, `tune` or `aim`.
 
-    What `tune` found is read from a folder `tune` in it or beside it. The casts that a folder of
-    `tune` was fitted to are looked for beside it.
+    What `tune` found is read from a folder `tune` in it or next to it. The casts that a folder of
+    `tune` was fitted to are looked for next to it.
 
     Raises:
         DatasetError: The folder holds no casts.
@@ -286,14 +286,14 @@ def _of_session(path: pathlib.Path, run: RunFolder) -> Collection:
 
 
 def _of_tuning(path: pathlib.Path) -> Collection:
-    """Return the casts that parameters were fitted to, which lie beside the result."""
+    """Return the casts that parameters were fitted to, which lie next to the result."""
     fingerprint = (Parts(path).get("metrics") or {}).get("dataset_fingerprint", "")
     for place in sorted(path.resolve().parent.iterdir()):
         if (place / INFO_PATH).exists() and read_info(place).get("fingerprint") == fingerprint:
             found = _of_dataset(place, place)
             return dataclasses.replace(found, tuned=load_tuned(path, found.setup).dynamics)
     raise DatasetError(
-        f"{path} was fitted to casts that do not lie beside it: open the folder of the casts"
+        f"{path} was fitted to casts that do not lie next to it: open the folder of the casts"
     )
 
 
@@ -302,7 +302,7 @@ def _collection(
 ) -> Collection:
     """Return casts with their names, and with what `tune` found.
 
-    That is the newest fit of a session, or what lies in the folder, or else beside it.
+    That is the newest fit of a session, or what lies in the folder, or else next to it.
     """
     if not len(dataset):
         raise DatasetError(f"{path} holds no cast yet")
@@ -316,7 +316,7 @@ def _collection(
     later = [folder / TUNE_FOLDER for folder in sorted((path / FITS_FOLDER).glob("*"))]
     for place in (path.resolve().parent / TUNE_FOLDER, path / TUNE_FOLDER, *later):
         if (place / PARAMS_FILE).exists():
-            # What lies beside the casts may be of another cable.
+            # What lies next to the casts may be of another cable.
             try:
                 tuned = load_tuned(place, dataset.setup).dynamics
             except DamagedFileError:

@@ -157,7 +157,7 @@ class Page:
         self.stage.player.close()
         stop_server(self.server)
 
-    # What a person can do. Each answers an error of cablecast with its sentence.
+    # Actions of a person. Each shows an error of cablecast as its sentence.
 
     def aim(self, xy: ArrayLike) -> None:
         """Choose a target and show its plan."""
@@ -191,7 +191,7 @@ class Page:
         self.guard(lambda: self.worker.submit("a corrected cast", work))
 
     def undo(self) -> None:
-        """Take the last try back."""
+        """Discard the last try."""
         self.worker.forget()
         self.guard(self.desk.undo)
         self.show_rest()
@@ -369,8 +369,8 @@ class Page:
         correct.on_click(correct_seen)
         other = gui.add_button("Another target", color="blue", icon="target")
         other.on_click(lambda _: self.guard(lambda: self.aim(desk.other_target())))
-        anyway = gui.add_button("Cast all the same", color=SLATE)
-        anyway.on_click(
+        forced = gui.add_button("Cast all the same", color=SLATE)
+        forced.on_click(
             lambda event: (cast_seen if desk.phase is Phase.PLANNED else correct_seen)(event)
         )
         stop = gui.add_button("Stop", color="red", icon="hand-stop")
@@ -411,7 +411,7 @@ class Page:
             update(cast, visible=can_cast, disabled=busy or preview is None)
             update(correct, visible=phase is Phase.LANDED, disabled=busy)
             update(other, visible=phase is Phase.DONE or stopped, disabled=busy)
-            update(anyway, visible=stopped, disabled=busy)
+            update(forced, visible=stopped, disabled=busy)
             update(stop, visible=busy)
             # A full bar where the work does not say how far it is.
             work = state.progress
@@ -662,7 +662,7 @@ class LookTab:
             from cablecast.engines.mujoco_ import EngineMujoco
 
             engine = EngineMujoco()
-            # MuJoCo's cable has no material beside the ten parameters.
+            # MuJoCo's cable has no material besides the ten parameters.
             dynamics = dynamics.with_params(dynamics.params.without_material())
         if kind == "measured":
             cast = collection.measured(self._index)

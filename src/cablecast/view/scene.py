@@ -99,7 +99,7 @@ def start_server(host: str, port: int) -> "viser.ViserServer":
     import viser
 
     try:
-        # It prints a table of addresses whatever it is told; ours is printed by the command.
+        # It always prints a table of addresses; the command prints ours.
         with contextlib.redirect_stdout(io.StringIO()):
             return viser.ViserServer(host=host, port=port, label="cablecast", verbose=False)
     except OSError as error:
@@ -107,7 +107,7 @@ def start_server(host: str, port: int) -> "viser.ViserServer":
 
 
 def stop_server(server: "viser.ViserServer") -> None:
-    """Stop a server, as quietly as it was started."""
+    """Stop a server without output."""
     with contextlib.redirect_stdout(io.StringIO()):
         server.stop()
 
@@ -470,7 +470,7 @@ class TableScene:
                 self._text(f"{name}/label", text, place, ink, _TEXT_HEIGHT, plate)
 
     def show_map(self, miss: Array | None) -> None:
-        """Lay a map of expected misses on the table, below the lines; take it away where None."""
+        """Lay a map of expected misses on the table, below the lines; take it away if None."""
         if miss is None:
             self._server.scene.remove_by_name("/map")
             return

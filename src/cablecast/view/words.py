@@ -52,7 +52,7 @@ def status_text(desk: Desk, state: WorkState) -> str:
     phase, last, news = desk.phase, desk.last, state.message or desk.message
     head, length = phase.value, desk.setup.cable.length
     if phase is Phase.PLANNED and desk.stop:
-        head = "This cast is hardly worth making. Choose another target."
+        head = "This cast is unlikely to hit. Choose another target."
     if phase in (Phase.LANDED, Phase.DONE) and last is not None and math.isfinite(last.miss_pct):
         verdict = "Hit" if last.hit else "Landed"
         head = f"{verdict}: {_length_text(last.miss_pct, length)} from the target. {head}"

@@ -32,7 +32,7 @@ class WorkState:
         progress: Latest report of the work, if it reported.
         seconds_left: Expected time left [s]; None if unknown.
         step: Number of the step that the work said it is at, as in "2/4 fit"; 0 if it has none.
-        stopping: Whether somebody has stopped the work, which is still tidying up.
+        stopping: Whether the work was stopped and is still tidying up.
         message: End of the last work in one sentence; empty after a success.
     """
 
@@ -139,7 +139,7 @@ class Worker:
         except CablecastError as error:
             self._finish(str(error))
         except Exception as error:
-            # A rig is somebody else's code, and the page must live on.
+            # A rig is foreign code, and the page must live on.
             self._finish(error_line(error))
         else:
             self._finish("")

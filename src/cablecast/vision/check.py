@@ -31,27 +31,27 @@ _KEPT_COUNT = 8
 _LAMP_RATES, _LAMP_SPREAD, _LAMP_STEPS = (100.0, 120.0), 0.006, 25
 """Rates at which lamps on the mains flicker [1/s], how far these stray [-], and rates tried."""
 _FLICKER_MIN, _FLICKER_MAX = 0.05, 0.5
-"""Amplitudes of a flicker that is worth a word, and that the tracker evens out [-]."""
+"""Amplitudes of a flicker that is reported, and that the tracker evens out [-]."""
 _BAND_STEPS, _BAND_GAIN, _BAND_ERROR = 40, 1.5, 0.2
 """Row times that are tried for bands, the gain in amplitude that shows these, and the difference of
-the time to read a frame that is worth a word [share of the time between two frames]."""
+the time to read a frame that is reported [share of the time between two frames]."""
 _DRIFT_MIN = 0.03
-"""Change of a colour over a check that is worth a word [-]."""
+"""Change of a colour over a check that is reported [-]."""
 _REPEATED_MIN = 0.02
-"""Share of repeated frames that is worth a word [-]."""
+"""Share of repeated frames that is reported [-]."""
 _RATE_SHARE_MIN = 0.95
 _EXPOSURE_CHANGE = 1.2
 _DARK, _CLIPPED_MAX = 45.0, 0.05
 _REFOCUSED = 0.8
 """Least share of its sharpness that stays while a lens keeps its focus [-]."""
 _RMS_MAX, _RMS_MAX_PX = 0.003, 1.0
-"""Misfit of the tags that is worth a word: above both, for small pictures are coarse [m], [px]."""
+"""Misfit of the tags that is reported: above both, for small pictures are coarse [m], [px]."""
 _MARKER_WIDTH_MIN = 5.5
 """Width from which on a marker in sight is found in every frame [px]; see test_small_marker.py."""
 _TAG_WIDTH_MIN = 18.0
 """Width from which on nearly every tag of 4x4 cells is read [px]; see tools/measure_tags.py."""
 _HUE_OFF_DEG = 30.0
-"""Distance of the marker's hue from the one in the lab file that is worth a word [deg]."""
+"""Distance of the marker's hue from the one in the lab file that is reported [deg]."""
 _COUNTED = 1e-6
 """Largest scatter of stamps that are counted and not measured [s]."""
 _OPENING = 2.0

@@ -54,9 +54,9 @@ _SPEED_FRAMES, _SLOWING_SPEED = 4, 0.2
 _SPEED_PARTS, _MOVING_SPEED, _MOVING_WAY = 100, 0.03, 0.15
 """Parts of a long film over which a speed is taken; and speed [m/s] and extent [m] of a way that
 tells something."""
-_SLOWING_MIN, _USUAL_FRICTION = 0.35, 0.3
+_SLOWING_MIN, _TYPICAL_FRICTION = 0.35, 0.3
 """Least deceleration of a cable that friction stops [m/s²], which is a coefficient of 0.036, and a
-usual coefficient [-]."""
+typical coefficient [-]."""
 _PAIRS, _PAIRS_MIN = 48, 12
 """Pairs of frames in which most moves, by which clocks are compared, and fewest that will do."""
 _STEP, _FINE_REACH, _FINE_STEP = 0.015, 0.02, 0.002
@@ -116,7 +116,7 @@ def check_film_rate(times: Array, xy: Array, rate: float) -> None:
         return
     slowing = 0.6 * top / float(at[fast + slow[0]] - at[fast])
     if slowing < _SLOWING_MIN:
-        pace = float(np.sqrt(slowing / (_USUAL_FRICTION * GRAVITY)))
+        pace = float(np.sqrt(slowing / (_TYPICAL_FRICTION * GRAVITY)))
         words = (
             f"the endpoint slowed from {top:.2f} m/s by {slowing:.2f} m/s² only, as on a table "
             f"with a friction of {slowing / GRAVITY:.3f}: {_rate_words(pace, rate)}"
@@ -131,7 +131,7 @@ def check_film_rate(times: Array, xy: Array, rate: float) -> None:
 
 def _rate_words(pace: float, rate: float) -> str:
     """Return what to do about a film that shows a second in 1 / pace seconds at a rate [1/s]."""
-    near = min(_RATES, key=lambda usual: abs(np.log(usual * pace / rate)))
+    near = min(_RATES, key=lambda known: abs(np.log(known * pace / rate)))
     true = near if abs(np.log(near * pace / rate)) < np.log(_PACE_OFF) else rate / pace
     return f"was it filmed with about {true:.0f} frames/s, and stored as {rate:.0f}?"
 

@@ -23,7 +23,7 @@ _RADII = np.arange(0.04, 0.091, 0.005)
 _ANGLES = np.radians(np.arange(-90.0, 91.0, 2.0))
 """Directions of the places on an arc, from that in which the jaws hold the cable [rad]."""
 _BEND = 0.06
-"""Smallest radius to which a cable bends beside the jaws [m]."""
+"""Smallest radius to which a cable bends at the jaws [m]."""
 _AHEAD = np.radians(4.0)
 """Directions in which a cable that lies straight is seen [rad]."""
 _FREE, _FREE_MIN = 0.01, 0.9

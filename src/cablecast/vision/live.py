@@ -294,12 +294,12 @@ class FrameWatch:
     """Looks at each frame for a camera that is frozen, dark, out of focus, or in another light.
 
     A picture of a real sensor never repeats itself exactly, for its noise is new in every frame.
-    `usual` is the brightness at the time of the calibration; it is not compared if None.
+    `reference` is the brightness at the calibration; it is not compared if None.
     """
 
-    def __init__(self, source: str, usual: Brightness | None = None):
+    def __init__(self, source: str, reference: Brightness | None = None):
         self._source = source
-        self._usual = usual
+        self._reference = reference
         self._last: NDArray[np.uint8] | None = None
         self._same_count = 0
         self.now: Brightness | None = None
@@ -326,23 +326,24 @@ class FrameWatch:
                 f"{where} is dark: its mean brightness is {now.mean:.0f} of 255. Switch on the "
                 "light, take off the lens cap, and repeat the trial"
             )
-        if self._usual is None:
+        if self._reference is None:
             return not same
-        change = now.shade / max(self._usual.shade, 1.0)
+        change = now.shade / max(self._reference.shade, 1.0)
         if change < 1 / _LIGHT_CHANGE or now.clipped > _CLIPPED_MAX:
             raise CameraError(
                 f"{where} is {change:.2f} times as bright as when it was calibrated, and "
                 f"{100 * now.clipped:.0f} % of it are white: the light or the exposure has "
                 "changed. Switch automatic exposure off, and start anew"
             )
-        if now.sharpness < min(_BLUR_CHANGE * self._usual.sharpness, SHARPNESS_MIN):
+        if now.sharpness < min(_BLUR_CHANGE * self._reference.sharpness, SHARPNESS_MIN):
+            share = now.sharpness / self._reference.sharpness
             raise CameraError(
-                f"{where} is out of focus: edges are {now.sharpness / self._usual.sharpness:.2f} "
+                f"{where} is out of focus: edges are {share:.2f} "
                 "times as sharp as when it was calibrated. Switch automatic focus off, and start "
                 "anew"
             )
         for name, a, b in zip(
-            ("blue", "green", "red"), now.colour, self._usual.colour, strict=True
+            ("blue", "green", "red"), now.colour, self._reference.colour, strict=True
         ):
             if not 1 / _COLOUR_CHANGE < a / b < _COLOUR_CHANGE:
                 raise CameraError(

@@ -121,7 +121,7 @@ class TrialCamera(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the device; it may be called twice."""
+        """Release the device; may be called twice."""
         ...
 
 
@@ -158,7 +158,7 @@ class CameraOfTrials:
             raise
         self._tracker = self._new_tracker(self._start_xy)
         self._sight = CameraSight(position=self.calibration.view.position)
-        self._usual = Brightness.of(images[-1])
+        self._reference = Brightness.of(images[-1])
         self.description: dict[str, Any] = {
             "camera": self._camera.facts.kind,
             **self.settings.to_dict(),
@@ -176,7 +176,7 @@ class CameraOfTrials:
 
     def check(self, after: float | None = None) -> None:
         """Check that frames arrive, are fresh and as exposed as before, and that no tag moved."""
-        watch = FrameWatch(self.settings.source, self._usual)
+        watch = FrameWatch(self.settings.source, self._reference)
         frames = self._fresh(_CHECK_FRAMES, after)
         for frame in frames:
             watch.look(frame)
@@ -198,7 +198,7 @@ class CameraOfTrials:
             self._film_count += 1
         self._tracker = tracker = self._new_tracker(self._start_xy)
         self._cast_clock = clock = CastClock(self._camera.facts.width, self.settings.row_time)
-        watch = FrameWatch(self.settings.source, self._usual)
+        watch = FrameWatch(self.settings.source, self._reference)
         self._before = (None, None)
 
         def look(frame: Frame) -> None:
@@ -338,7 +338,7 @@ class CameraOfTrials:
         return self._sight
 
     def close(self) -> None:
-        """Let go of the device; it may be called twice."""
+        """Release the device; may be called twice."""
         self.cancel()
         self._camera.close()
 

@@ -179,7 +179,7 @@ class JpegMuxer:
             until the next one comes.
         width: Width of the pictures [px].
         height: Height of the pictures [px].
-        rate: Usual number of pictures per second [1/s].
+        rate: Typical number of pictures per second [1/s].
     """
 
     def __init__(self, sink: Any, container: str, width: int, height: int, rate: float):
@@ -213,11 +213,11 @@ class JpegMuxer:
 class FilmWriter:
     """Writes frames with their times to a file, which has its name only once it is whole.
 
-    Until then all frames but the last are in a hidden file beside it; a killed process leaves it.
+    Until then all frames but the last are in a hidden file next to it; a killed process leaves it.
 
     Args:
         path: File to write, ending in .mkv.
-        rate: Usual number of frames per second [1/s].
+        rate: Typical number of frames per second [1/s].
     """
 
     def __init__(self, path: pathlib.Path, rate: float):

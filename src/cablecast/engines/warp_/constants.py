@@ -66,7 +66,7 @@ def substep_counts(
 
 
 def rounding_of_friction(cable: Cable, segment_count: int) -> NDArray[np.float64]:
-    """Return how large rounding in single precision is beside friction at a node [-].
+    """Return rounding in single precision over friction at a node [-].
 
     A position is rounded to 6e-8 of its size, here the cable's length L. Bending turns that into a
     force of 6e-8 L EI / l^3, which friction of at most mu m g / N must hold.

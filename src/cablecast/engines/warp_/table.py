@@ -40,7 +40,7 @@ from cablecast.engines.warp_.world import Features, world_structs
 
 
 RECOVERY = 0.2
-"""Share of a penetration that one step takes back: enough to hold nodes at the surface to a
+"""Share of a penetration that one step undoes: enough to hold nodes at the surface to a
 micrometre, too little to make them hop."""
 
 
@@ -57,7 +57,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
     def press_nodes(model: Model, state: State, scratch: Scratch, group: int):
         """Find the normal impulses that keep nodes above the table, and those on segments.
 
-        A gap may close within the step; a penetration is taken back over several steps.
+        A gap may close within the step; a penetration is undone over several steps.
 
         Args:
             state: Positions at the start of the step.

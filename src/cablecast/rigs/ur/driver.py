@@ -91,7 +91,7 @@ class DriverUR:
             ProgramPlayer(link, self.robot).stop()
 
     def close(self) -> None:
-        """Let go of the controller; it may be called twice."""
+        """Disconnect; may be called twice."""
         link, self._link = self._link, None
         if link is not None:
             link.close()

@@ -293,7 +293,7 @@ class UrLink:
             self._sender = None
 
     def close(self) -> None:
-        """Let go of the controller; it may be called twice."""
+        """Disconnect; may be called twice."""
         self.rest()
         self._hang_up()
         with contextlib.suppress(OSError, ValueError):

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 FAULTS = ("frozen", "black", "unplugged", "exposed", "moved_tag")
 """Faults of the camera: the same picture again and again, darkness, no stream at all, an exposure
-that something else than we set, and a tag that somebody has moved."""
+that is not what was set, and a tag that was moved."""
 
 MOVED_TAG = 2
 """Place in the layout of the tag that the fault moves."""

@@ -134,7 +134,7 @@ class VirtualConfig:
         )
 
 
-USUAL_CENTRE_Y = 0.75
+DEFAULT_CENTRE_Y = 0.75
 """y of the middle of the paper's table [m]."""
 _CLUTTER_SHARE_MIN = 0.5
 """Smallest table with other green things on it, as a share of the paper's width and depth."""
@@ -251,11 +251,11 @@ class CameraConfig:
         Over a table that is deeper than wide it is turned by a quarter. Over a smaller table it
         stays as high as over the paper's, out of the arm's way.
         """
-        usual, mount = cls(), Mount.over(workspace)
-        x, y, z = usual.position
+        default, mount = cls(), Mount.over(workspace)
+        x, y, z = default.position
         return cls(
-            position=(x, y + (mount.centre_y - USUAL_CENTRE_Y), z * mount.scale),
-            tilt=(*usual.tilt[:2], usual.tilt[2] + mount.quarter_turns * math.pi / 2),
+            position=(x, y + (mount.centre_y - DEFAULT_CENTRE_Y), z * mount.scale),
+            tilt=(*default.tilt[:2], default.tilt[2] + mount.quarter_turns * math.pi / 2),
         )
 
     def resized(self, width: int) -> "CameraConfig":
@@ -321,7 +321,7 @@ class Mount:
             wide, deep = deep, wide
         return cls(
             centre_y=(workspace.y_min + workspace.y_max) / 2,
-            scale=max(1.0, wide / Workspace().half_width, deep / USUAL_CENTRE_Y),
+            scale=max(1.0, wide / Workspace().half_width, deep / DEFAULT_CENTRE_Y),
             quarter_turns=int(turned),
         )
 
@@ -333,7 +333,7 @@ def clutter_place(x: float, y: float, workspace: Workspace) -> tuple[float, floa
         x and y [m]; None for a table too small to be cluttered.
     """
     across = workspace.half_width / Workspace().half_width
-    along = (workspace.y_max - workspace.y_min) / (2 * USUAL_CENTRE_Y)
+    along = (workspace.y_max - workspace.y_min) / (2 * DEFAULT_CENTRE_Y)
     if min(across, along) < _CLUTTER_SHARE_MIN:
         return None
     return x * across, workspace.y_min + y * along

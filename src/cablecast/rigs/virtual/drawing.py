@@ -58,7 +58,7 @@ _SUBFRAME_MAX = 24
 _SHIFT = 4
 """Fractional bits of coordinates for drawing."""
 _BELOW_Z = -0.004
-"""Height below which parts of the cable hang beside the table [m]."""
+"""Height below which parts of the cable hang over the table's edge [m]."""
 
 _MARKER_BGR = (62, 178, 58)
 _MARKER_LIGHT_BGR = (78, 196, 72)

@@ -149,9 +149,9 @@ class RigidArm:
     def _mjcf(self, dt: float, gains: Array) -> str:
         """Return the arm as XML, with gains kp, ki and kv of its servos, shape [3, 6]."""
         arm, truth, links = self._arm, self._truth, LINKS[self._arm.model]
-        usual = LINKS["ur5"]
+        ur5 = LINKS["ur5"]
         lengths = np.array([0.0, links.upper_arm, links.forearm, 0.0, 0.0, 0.0])
-        scales = [1.0, links.upper_arm / usual.upper_arm, links.forearm / usual.forearm, 1, 1, 1]
+        scales = [1.0, links.upper_arm / ur5.upper_arm, links.forearm / ur5.forearm, 1, 1, 1]
         alphas = np.array([1, 0, 0, 1, -1, 0]) * math.pi / 2
         heights = (links.d1, 0.0, 0.0, links.d4, links.d5, links.d6)
         masses = truth.inertia_factor * np.array(_MASSES[arm.model])

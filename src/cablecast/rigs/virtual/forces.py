@@ -9,7 +9,7 @@ other, so that its moment depends on how it came to be bent.
 
 One thread computes one cable, from its free end towards the grip, so that what a vertex takes from
 its neighbours is at hand. Multiplications and additions are not fused: a trial's numbers are the
-same on every processor, and whatever is computed beside it.
+same on every processor, and whatever else runs.
 """
 
 # Annotations of kernels are values that Warp reads, not types that pyright knows.

@@ -39,12 +39,12 @@ from cablecast.setup import Setup
 Array = NDArray[np.float64]
 
 _WINDOW = 0.002
-"""Time after which the forces beside MuJoCo's are renewed, and the endpoint is looked at [s]."""
+"""Time after which the forces that MuJoCo lacks are renewed, and the endpoint is looked at [s]."""
 _OFF_TABLE_TIME = 0.5
 """Time after the motion for which a cable that fell is watched [s]: it hangs and swings. One that
 only swept past the edge, and came back to rest on the table, has landed."""
 _FALLEN_Z = -0.005
-"""Height below which the endpoint hangs beside the table [m]; a contact never gives way so far."""
+"""Height below which the endpoint hangs over the edge [m]; a contact never gives way so far."""
 _REST_MOVE = 5e-4
 """Largest way of an endpoint at rest within _REST_TIME [m]."""
 _REST_TIME = 0.1
@@ -167,7 +167,7 @@ class Cables:
         return slice(None) if len(active) == len(self.broken) else active
 
     def advance(self, active: NDArray[np.intp], controls: Array) -> None:
-        """Advance some worlds by a window or less, after renewing the forces beside MuJoCo's.
+        """Advance some worlds by a window or less, after renewing the forces that MuJoCo lacks.
 
         Args:
             active: Indices of the worlds.

@@ -64,7 +64,7 @@ class RigVirtual(RigLifecycle):
         if self._sensor is not None:
             recorded = dataclasses.replace(self.config, sample_dt=RECORD_DT)
         self._lab = Laboratory(setup, recorded, self.seed)
-        # The last trial as it really was, and the picture of its end once somebody asked for it.
+        # The last trial as it really was, and the picture of its end once it was asked for.
         self._last: EndpointTrack | None = None
         self._camera: VirtualCamera | None = None
         self._picture: tuple[EndpointTrack, NDArray[np.uint8] | None] | None = None

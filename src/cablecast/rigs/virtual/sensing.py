@@ -24,7 +24,7 @@ from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import InputError, check_ranges
 from cablecast.files import read_json, write_json
 from cablecast.motion.trajectory import JointPath, joints_at
-from cablecast.rigs.virtual.config import USUAL_CENTRE_Y, CameraConfig, Mount, clutter_place
+from cablecast.rigs.virtual.config import DEFAULT_CENTRE_Y, CameraConfig, Mount, clutter_place
 from cablecast.setup import Setup
 from cablecast.vision.tracker import track_samples
 from cablecast.workspace import Workspace
@@ -41,7 +41,7 @@ _BLIND_STATUSES = (TrialStatus.NON_FINITE, TrialStatus.ABORTED)
 _PLACE_SCALE = 0.02
 """Distance within which a marker lies on about the same ground: its own size [m]."""
 _BELOW_Z = -0.004
-"""Height below which an endpoint hangs beside the table [m]."""
+"""Height below which an endpoint hangs over the table's edge [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,7 @@ class CameraErrorModel:
     hidden_spread: float
     blind: tuple[tuple[float, ...], ...]
     miss_rate: float
-    centre_y: float = USUAL_CENTRE_Y
+    centre_y: float = DEFAULT_CENTRE_Y
     sources: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
@@ -130,9 +130,9 @@ class CameraErrorModel:
         A picture does not change when everything in it grows, so that the errors grow with the
         height of the camera.
         """
-        usual = Workspace()
+        default = Workspace()
         edges = ("half_width", "y_min", "y_max")
-        if all(getattr(workspace, name) == getattr(usual, name) for name in edges):
+        if all(getattr(workspace, name) == getattr(default, name) for name in edges):
             return self
         mount = Mount.over(workspace)
         scale = mount.scale
@@ -189,7 +189,7 @@ class CameraErrorModel:
         """Return which frames cannot show the marker, and how far the arm is from its sight [m]."""
         on_ground = self.apparent(points, 0.0)
         hidden = np.any((on_ground < self.seen_low) | (on_ground > self.seen_high), axis=-1)
-        # What hangs beside the table is hidden by it, or shows the marker from its narrow end.
+        # What hangs over the table's edge is hidden by it, or shows the marker from its narrow end.
         hidden |= points[..., 2] < _BELOW_Z
         hidden |= self.sight.is_blind_at(on_ground)
         clearance = np.full(len(times), np.inf)
@@ -246,7 +246,7 @@ class CameraErrorModel:
         )
 
 
-def bias_terms(xy: Array, centre_y: float = USUAL_CENTRE_Y) -> Array:
+def bias_terms(xy: Array, centre_y: float = DEFAULT_CENTRE_Y) -> Array:
     """Return the terms of the bias polynomial at places [m], shape [..., 6]."""
     return _quadratic(xy - [0.0, centre_y])
 
