@@ -37,7 +37,7 @@ from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.arm import APPROACH_SPEED, TURN_SPEED, RigArm
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.driver import RigPhase
-from cablecast.rigs.path import check_path, joint_move
+from cablecast.rigs.path import check_path, straight_move
 from cablecast.rigs.ur.twin.laboratory import FAULTS, TwinConfig, faults_of
 from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.setup import Setup, load_setup
@@ -135,7 +135,7 @@ class RigQuick(RigArm):
         home = np.asarray(reset_pose(self.setup.workspace), dtype=float)
         aside = self.setup.arm.inverse(home + [0.15, 0.0, 0.2, 0.2, 0.0])
         for place in (aside, self.setup.arm.inverse(home)):
-            way = joint_move(self._at_rest(), place, self._speed)
+            way = straight_move(self._at_rest(), place, self._speed)
             check_path(way, self.setup, "the way back")
             self._play("cablecast_approach", way, RigPhase.RESET)
         self._wait(0.2)

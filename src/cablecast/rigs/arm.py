@@ -15,7 +15,7 @@ from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.driver import CastAbortedError, MotionRecord, RigPhase, make_driver
-from cablecast.rigs.path import JointCurve, check_path, joint_move
+from cablecast.rigs.path import JointCurve, check_path, straight_move
 from cablecast.setup import Setup
 from cablecast.vision.trials import CameraOfTrials, TrialCamera, TrialTiming
 
@@ -234,7 +234,7 @@ class RigArm(RigLifecycle):
         if seen is None:
             return False
         if seen is not q:
-            way = joint_move(q, seen, TURN_SPEED)
+            way = straight_move(q, seen, TURN_SPEED)
             try:
                 check_path(way, self.setup, "the turn of the jaws")
                 self._play("cablecast_look", way, RigPhase.READOUT)
@@ -314,7 +314,7 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, Joi
         pose = np.array(reset_pose(setup.workspace), dtype=float)
         pose[2] += _SAFE_HEIGHT
         reset = curve_of(plan_reset(pose, slow))
-    way = joint_move(q, reset.q[0], APPROACH_SPEED)
+    way = straight_move(q, reset.q[0], APPROACH_SPEED)
     check_path(way, setup, "the way to the start")
     check_path(reset, setup, "the reset")
     return way, reset

@@ -112,7 +112,7 @@ class JointCurve:
         return CubicHermiteSpline(self.times[knots], self.q[knots], self.qd[knots])
 
 
-def joint_move(start: Array, end: Array, speed: float) -> JointCurve:
+def straight_move(start: Array, end: Array, speed: float) -> JointCurve:
     """Return a straight way in joint space, from rest to rest.
 
     Args:

@@ -17,7 +17,7 @@ from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, plan_trajectory
-from cablecast.rigs.path import JointCurve, check_path, joint_move
+from cablecast.rigs.path import JointCurve, check_path, straight_move
 from cablecast.rigs.ur.program import PROGRAM_SIZE_MAX, motion_program
 from cablecast.rigs.ur.rtde import BEAT
 from cablecast.rigs.ur.twin.controller import TwinLimits
@@ -132,7 +132,7 @@ def test_no_way_in_joint_space_that_is_sent_exceeds_a_limit_or_leaves_the_box(
     robot_setup, home, change, speed
 ):
     try:
-        points = joint_move(home, home + np.array(change), speed)
+        points = straight_move(home, home + np.array(change), speed)
         check_path(points, robot_setup, "way")
     except CablecastError:
         return
@@ -191,7 +191,7 @@ def test_a_path_of_too_many_pieces_is_refused_by_the_size_of_its_program(robot_s
 )
 def test_a_path_that_is_refused_names_joint_value_and_bound(robot_setup, home, change, words):
     speed = 5.5 if "turning" in words else 1.0
-    points = joint_move(home, home + np.array(change), speed)
+    points = straight_move(home, home + np.array(change), speed)
     with pytest.raises(JointLimitError, match=words):
         check_path(points, robot_setup, "the way")
 

@@ -12,7 +12,7 @@ import pytest
 from cablecast.errors import RigError, StoppedError
 from cablecast.motion.polar import reset_pose
 from cablecast.rigs.driver import CastAbortedError, RigPhase
-from cablecast.rigs.path import joint_move
+from cablecast.rigs.path import straight_move
 from cablecast.rigs.ur.link import UrLink, check_ready
 from cablecast.rigs.ur.player import ProgramPlayer
 from cablecast.rigs.ur.program import motion_program
@@ -58,7 +58,7 @@ def way(link, setup, turn=0.3, speed=0.6):
     time.sleep(0.2)
     q = np.mean([r.q for r in list(link.reports)[-10:]], axis=0)
     away = abs(q[0] - home[0]) > turn / 2
-    return joint_move(q, home if away else home + [turn, 0, 0, 0, 0, 0], speed)
+    return straight_move(q, home if away else home + [turn, 0, 0, 0, 0, 0], speed)
 
 
 def time_to_rest(process, event):
@@ -214,7 +214,7 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
             import os, sys, threading, time
             import numpy as np
             from cablecast.rigs.ur.link import UrLink
-            from cablecast.rigs.path import joint_move
+            from cablecast.rigs.path import straight_move
             from cablecast.rigs.ur.player import ProgramPlayer
             from cablecast.setup import load_setup
 
@@ -223,7 +223,7 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
             time.sleep(0.3)
             q = np.mean([r.q for r in list(link.reports)[-10:]], axis=0)
             side = -1.0 if q[0] > 0.0 else 1.0
-            points = joint_move(q, q + [0.6 * side, 0, 0, 0, 0, 0], 0.15)
+            points = straight_move(q, q + [0.6 * side, 0, 0, 0, 0, 0], 0.15)
 
             def kill():
                 while not any(r.tick > 1000 and r.state == 2 for r in list(link.reports)[-5:]):

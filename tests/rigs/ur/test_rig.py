@@ -23,7 +23,7 @@ from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.arm import APPROACH_SPEED, RigArm, check_reports, curve_of
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.driver import CastAbortedError, MotionRecord, RigPhase
-from cablecast.rigs.path import JointCurve, check_path, joint_move
+from cablecast.rigs.path import JointCurve, check_path, straight_move
 from cablecast.rigs.ur.link import Report
 
 # As fast as this computer simulates: the clock waits for the client, and no camera is drawn.
@@ -36,7 +36,7 @@ class RigQuick(RigArm):
     def _reset_once(self):
         self.driver.ready()
         home = self.setup.arm.inverse(np.asarray(reset_pose(self.setup.workspace), dtype=float))
-        way = joint_move(self._at_rest(), home, APPROACH_SPEED)
+        way = straight_move(self._at_rest(), home, APPROACH_SPEED)
         check_path(way, self.setup, "the way back")
         self._play("cablecast_approach", way, RigPhase.RESET)
         self._wait(0.2)
@@ -98,7 +98,7 @@ def test_a_cast_after_which_the_arm_is_moved_is_no_data(stick, moves):
         setup, robot=dataclasses.replace(setup.robot, payload_mass=0.95, settle_time=1.0)
     )
     rig, q = RigQuick(setup, TruthCamera(setup)), np.zeros(6)
-    curve = joint_move(q, q + 0.01, 0.6)
+    curve = straight_move(q, q + 0.01, 0.6)
     rig.driver._link = MovingLink(curve.q[-1], moves=moves)
     if moves:
         with pytest.raises(CastAbortedError, match="while the cable came to rest"):

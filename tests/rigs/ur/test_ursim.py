@@ -8,7 +8,7 @@ import pytest
 from tests.robot import ROBOT
 
 from cablecast.rigs.driver import CastAbortedError
-from cablecast.rigs.path import JointCurve, joint_move
+from cablecast.rigs.path import JointCurve, straight_move
 from cablecast.rigs.ur.link import UrLink, check_ready
 from cablecast.rigs.ur.player import ProgramPlayer
 from cablecast.rigs.ur.program import PROGRAM_SIZE_MAX, motion_program
@@ -39,7 +39,7 @@ def player():
 
 def turn(player, angle):
     q = player.link.wait_for_report().q
-    return joint_move(q, q + [0, 0, 0, 0, 0, angle], 0.5)
+    return straight_move(q, q + [0, 0, 0, 0, 0, angle], 0.5)
 
 
 def test_the_controller_carries_a_program_out_to_its_end(player):

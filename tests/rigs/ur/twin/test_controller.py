@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.rigs.path import JointCurve, joint_move
+from cablecast.rigs.path import JointCurve, straight_move
 from cablecast.rigs.ur.program import ProgramState, motion_program
 from cablecast.rigs.ur.rtde import BEAT, STATE, STOP, TICK, FrameReader, Recipe, frame
 from cablecast.rigs.ur.twin.controller import Controller
@@ -25,7 +25,7 @@ def controller(request, twin_setup, home):
 @pytest.fixture
 def points(controller, home):
     """Turn the base by 0.3 rad at up to 1 rad/s."""
-    return joint_move(home, home + [0.3, 0, 0, 0, 0, 0], 1.0)
+    return straight_move(home, home + [0.3, 0, 0, 0, 0, 0], 1.0)
 
 
 def run(controller, duration, beat=True):
@@ -117,15 +117,15 @@ def jump(home):
     ("motion", "words"),
     [
         (
-            lambda home: joint_move(home, home + [0, 0.9, 0, 0, 0, 0], 1.0),
+            lambda home: straight_move(home, home + [0, 0.9, 0, 0, 0, 0], 1.0),
             "below the table|outside the safety planes",
         ),
         (
-            lambda home: joint_move(home, home + [2.5, 0, 0, 0, 0, 0], 1.0),
+            lambda home: straight_move(home, home + [2.5, 0, 0, 0, 0, 0], 1.0),
             "outside the safety planes",
         ),
         (
-            lambda home: joint_move(home, home + [0.8, 0, 0, 0, 0, 0], 4.5),
+            lambda home: straight_move(home, home + [0.8, 0, 0, 0, 0, 0], 4.5),
             "beyond its speed|beyond its acceleration",
         ),
         (jump, "beyond its speed|beyond its acceleration"),

@@ -6,7 +6,7 @@ import pytest
 
 from cablecast.rigs.arm import REPORT_GAP_MAX
 from cablecast.rigs.driver import RigPhase
-from cablecast.rigs.path import joint_move
+from cablecast.rigs.path import straight_move
 from cablecast.rigs.ur.program import motion_program
 from cablecast.rigs.ur.rtde import BEAT, PHASE
 from cablecast.rigs.ur.twin import laboratory as laboratory_module
@@ -26,7 +26,7 @@ def test_the_clock_waits_for_a_client_that_is_busy_and_that_of_a_real_controller
     laboratory = TwinLaboratory(twin_setup, config)
     controller = laboratory.controller
     try:
-        points = joint_move(controller.arm.q, controller.arm.q + [0.3, 0, 0, 0, 0, 0], 1.0)
+        points = straight_move(controller.arm.q, controller.arm.q + [0.3, 0, 0, 0, 0, 0], 1.0)
         controller.inputs.update(
             {f"input_int_register_{controller.robot.input_register + BEAT}": 1}
         )
