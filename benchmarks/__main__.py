@@ -91,7 +91,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     ),
     "hand": (
         "hand:main",
-        (*PHYSICS, "data", "tuning", "exports/facts"),
+        (*PHYSICS, "data", "vision", "tuning", "exports/facts"),
         "fits of made cables that a hand swings: whether their intervals hold",
     ),
     "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),

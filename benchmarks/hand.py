@@ -4,11 +4,14 @@ Each cable is drawn from what is believed of one. A hand swings it over a table,
 `tools/film.py hand`: from side to side, without a turn. What a film or a motion capture gives, the
 places of the held end and of the free one at a frame rate and with noise, is imported and fitted.
 The cable is simulated by the engine that the fit uses, more finely.
+
+Some films are made and tracked, too, with a marker and with a tag on the hand.
 """
 
 import csv
 import dataclasses
 import io
+import json
 import pathlib
 import sys
 import tempfile
@@ -16,14 +19,16 @@ from collections.abc import Iterator
 
 import numpy as np
 from tools.film import hand_motion
+from tools.film import main as make_films
 
 import cablecast as cc
 from benchmarks.result import Table
 from cablecast.cable import Cable, CableParams
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.exports.facts import INTERVAL_PCT, CableModel
-from cablecast.files import write_text
+from cablecast.files import read_text, write_text
 from cablecast.pipeline.import_casts import import_casts
+from cablecast.pipeline.track_video import TrackConfig, join_casts, track_video
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.space import ParamPrior, SearchSpace
@@ -33,11 +38,20 @@ FINE = (80, 2.5e-4)
 """Segments and step [s] of the cables that are swung."""
 REST = 1.2
 """Time after the swing [s]."""
+TAG = 7
+"""Number of the tag on the hand."""
+HANDS = (
+    ("a blue marker", (), TrackConfig(grip_hue=242.0)),
+    ("a tag of 3 cm", ("--tag", str(TAG)), TrackConfig(grip_tag=TAG)),
+)
+"""What shows the hand in films: its name, how they are made, and how they are tracked."""
 WANTED = (
     *("bend_stiffness_per_mass", "twist_stiffness", "endpoint_mass", "friction"),
     *("spinning_friction", "rolling_friction", "linear_damping", "angular_damping"),
 )
 """Numbers that are looked for; a mass is weighed."""
+FILMED = ("friction", "bend_stiffness_per_mass")
+"""Numbers that a swing determines surely."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -50,6 +64,7 @@ class Args:
         swings: Swings of each.
         rate: Frames per second [1/s].
         noise: Standard deviation of a coordinate of a marker [m].
+        films: Films that are made with a marker on the hand, and as many with a tag.
         seed: Seed of cables, swings and noise.
     """
 
@@ -58,6 +73,7 @@ class Args:
     swings: int = 4
     rate: float = 60.0
     noise: float = 1e-3
+    films: int = 2
     seed: int = 0
 
 
@@ -102,6 +118,29 @@ def fitted(cable: Cable, args: Args, rng: np.random.Generator) -> Tuned:
         return cc.tune(casts, config=FitConfig(ensemble_iterations=0))
 
 
+def filmed(args: Args) -> Iterator[tuple]:
+    """Yield what films of a hand tell of a cable, by what shows the hand."""
+    setup = Setup(cable=args.cable)
+    for hand, options, looks in HANDS:
+        with tempfile.TemporaryDirectory() as name:
+            folder = pathlib.Path(name)
+            films = ["hand", name, "--cable", args.cable, "--seed", str(args.seed)]
+            make_films([*films, "--count", str(args.films), *options])
+            looks = dataclasses.replace(looks, tags=folder / "tags.yaml")
+            tracked = [folder / f"track-{number}" for number in range(args.films)]
+            for video, out in zip(sorted(folder.glob("*.mp4")), tracked, strict=True):
+                track_video(video, setup, config=looks, out=out)
+            join_casts(tracked, folder / "casts.csv")
+            casts = import_casts(folder / "casts.csv", setup)
+            truth = CableParams(**json.loads(read_text(folder / "truth.json")))
+        tuned = cc.tune(casts, config=FitConfig(ensemble_iterations=0))
+        intervals = CableModel(cable=setup.cable, posterior=tuned.posterior).intervals()
+        for number in FILMED:
+            low, high = intervals[number]
+            of = [value(one, number) for one in (setup.cable.params, truth, tuned.params)]
+            yield (hand, number, *of, f"{low:.3g} to {high:.3g}")
+
+
 def value(params: CableParams, name: str) -> float:
     """Return one of `WANTED`."""
     if name == "bend_stiffness_per_mass":
@@ -110,7 +149,7 @@ def value(params: CableParams, name: str) -> float:
 
 
 def main(args: Args) -> Iterator[Table]:
-    """Yield how narrow the intervals are, and how many hold."""
+    """Yield how narrow the intervals are, how many hold, and what films of a hand tell."""
     held: dict[str, list[bool]] = {name: [] for name in WANTED}
     width: dict[str, list[float]] = {name: [] for name in WANTED}
     distances = []
@@ -140,5 +179,7 @@ def main(args: Args) -> Iterator[Table]:
     every = [one for values in held.values() for one in values]
     rows.append(("all", None, 100.0 * float(np.mean(every))))
     yield Table(f"{args.count} made cables, {args.swings} swings of a hand each", columns, rows)
+    columns = ("on the hand", "number", "in the cable's file", "true", "fitted", "90 % interval")
+    yield Table("Films of a hand", columns, list(filmed(args)))
     columns = ("simulated against measured free end, on the way, median [% of length]",)
     yield Table("Distance that is left", columns, [(float(np.median(distances)),)])

@@ -11,7 +11,7 @@ from tools.film import main as make_films
 
 from cablecast.rigs.ur.config import RobotUR
 from cablecast.setup import Setup, load_setup
-from cablecast.tuning.tune import TuneConfig
+from cablecast.tuning.fit import FitConfig
 
 FOLDER = pathlib.Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(path.name for path in FOLDER.glob("*.py"))
@@ -40,6 +40,7 @@ LAST_WORDS = {
     "08_two_grippers.py": "catenary 0.245 N and",
     "09_strike.py": "1.10 m it was",
 }
+SMALL_FIT = FitConfig(start_count=2, coarse_iterations=1, fine_iterations=1, ensemble_iterations=0)
 # Examples that need an input, which a tool makes.
 FILMS = "07_fit_my_cable.py"
 # An example that needs a library which no extra installs.
@@ -81,8 +82,7 @@ def run_example(name, out):
             budget = dict(BUDGETS.get(name, {}))
             if name == FILMS:
                 make_films(["hand", str(out / "films"), "--count", "2", "--rate", "12"])
-                search = TuneConfig(population_size=6, generations=2)
-                budget = {"films": out / "films", "config": search}
+                budget = {"films": out / "films", "config": SMALL_FIT}
             takes_out = "out" in inspect.signature(module.main).parameters
             module.main(**({"out": out} if takes_out else {}), **budget)
     return printed.getvalue().splitlines()[-1]

@@ -7,9 +7,10 @@ A film of a trial shows a cast on the virtual rig. Beside it lie the tags' layou
 calibration board, and the truth (truth.csv), which no camera tells.
 
 In films by hand, somebody without an arm swings the cable over the table: a blue marker shows where
-the hand holds it, a green one its free end. The cable is simulated with other parameters than those
-of its file, and drawn without blur. Beside the films lie the tags' layout and the parameters that a
-fit should come near to (truth.json).
+the hand holds it, or with --tag a tag, and then the hand turns, too; a green marker shows its free
+end. The cable is simulated with other parameters than those of its file, and drawn without blur.
+Beside the films lie the tags' layout, and the parameters that a fit should come near to
+(truth.json).
 """
 
 import argparse
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import Cable, CableParams
+from cablecast.camera.tags import EndTag
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import CablecastError
 from cablecast.files import write_bytes, write_text
@@ -34,7 +36,7 @@ from cablecast.rigs.virtual.camera import TrialFilm, VirtualCamera, board_pictur
 from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.rigs.virtual.sensing import RECORD_DT
 from cablecast.setup import Setup, load_setup
-from cablecast.vision.tags import load_cv2
+from cablecast.vision.tags import load_cv2, tag_picture
 from cablecast.vision.tracker import MarkerConfig
 from cablecast.vision.video import Image, write_video
 from cablecast.workspace import Workspace
@@ -43,6 +45,8 @@ GREEN, BLUE, CABLE = (62, 178, 58), (188, 62, 58), (58, 84, 176)
 # The hand waits, moves from point to point, and waits until the cable rests [s].
 _WAIT, _MOVE, _REST = 0.3, 0.45, 1.2
 _FRACTION_BITS = 4
+TURN = 0.5
+"""Angle by which a hand with a tag turns [rad]."""
 
 
 def film_trial(
@@ -121,8 +125,14 @@ def true_params(cable: Cable) -> CableParams:
     )
 
 
-def hand_motion(workspace: Workspace, rng: np.random.Generator) -> GripPath:
-    """Return a swing of the hand: to one side, to the other, and half back, without a turn."""
+def hand_motion(workspace: Workspace, rng: np.random.Generator, turn: float = 0.0) -> GripPath:
+    """Return a swing of the hand: to one side, to the other, and half back.
+
+    Args:
+        workspace: Gives the place of the reset.
+        rng: Random numbers.
+        turn: Angle by which the hand turns into each side [rad].
+    """
     side = rng.choice([-1.0, 1.0])
     reach = rng.uniform([0.2, 0.2, 0.0], [0.35, 0.4, 0.15])
     x = side * np.array([0.0, -reach[0], reach[1], reach[2]])
@@ -131,11 +141,14 @@ def hand_motion(workspace: Workspace, rng: np.random.Generator) -> GripPath:
     poses = np.zeros((1, 5, 5))
     poses[0, :, 0], poses[0, :, 1] = np.r_[x[0], x], np.r_[y[0], y]
     poses[0, :, 2] = workspace.grip_height
+    poses[0, 1:4, 3] = turn * np.sign(x[:3])
     still = np.zeros_like(poses)
     return GripPath.from_hermite(knots[None], poses, still, still)
 
 
-def film_hand(setup: Setup, path: GripPath, camera: VirtualCamera, rate: float) -> Iterator[Image]:
+def film_hand(
+    setup: Setup, path: GripPath, camera: VirtualCamera, rate: float, tag: EndTag | None = None
+) -> Iterator[Image]:
     """Yield the frames of one swing.
 
     Args:
@@ -143,6 +156,7 @@ def film_hand(setup: Setup, path: GripPath, camera: VirtualCamera, rate: float) 
         path: Motion of the hand.
         camera: Camera over the table.
         rate: Frames per second [1/s].
+        tag: Tag on the hand; a marker where None.
     """
     duration = float(path.duration[0]) + _REST
     rollout = EngineWarp().rollout(
@@ -159,19 +173,66 @@ def film_hand(setup: Setup, path: GripPath, camera: VirtualCamera, rate: float) 
         index = np.searchsorted(rollout.times, time, side="right") - 1
         after = min(index + 1, len(nodes) - 1)
         share = (time - rollout.times[index]) / 0.005
-        yield draw(background, nodes[index] + share * (nodes[after] - nodes[index]), setup, camera)
+        shape = nodes[index] + share * (nodes[after] - nodes[index])
+        image = draw(background, shape, setup, camera, marks_hand=tag is None)
+        if tag is not None:
+            stick(image, camera, tag, path.evaluate(np.array([time]))[0, 0])
+        yield image
+
+
+def stick(image: Image, camera: VirtualCamera, tag: EndTag, pose: NDArray[np.float64]) -> None:
+    """Draw a tag with its white rim, over the hand.
+
+    Args:
+        image: Frame to draw into.
+        camera: Camera over the table.
+        tag: Tag, whose upper side is ahead.
+        pose: Place of its centre [m], and its yaw [rad], shape [5].
+    """
+    cv2, cell, view = load_cv2(), 12, camera.view
+    picture = tag_picture(tag.id, cell, tag.family)
+    cells = len(picture) // cell
+    # The black square lies within a rim of one cell.
+    half = 0.5 * tag.size * cells / (cells - 2) * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
+    c, s = np.cos(pose[3]), np.sin(pose[3])
+    xy = half @ np.array([[c, -s], [s, c]]) + pose[:2]
+    pixels = view.to_image(np.column_stack([xy, np.full(4, tag.height or pose[2])]))
+    low = np.floor(pixels.min(axis=0)).astype(int) - 2
+    size = np.ceil(pixels.max(axis=0)).astype(int) + 2 - low
+    part = image[low[1] : low[1] + size[1], low[0] : low[0] + size[0]]
+    # As many points as a pixel's light comes from.
+    fine, side = 4, len(picture) - 0.5
+    source = np.array([[-0.5, -0.5], [side, -0.5], [side, side], [-0.5, side]])
+    target = (pixels - low + 0.5) * fine - 0.5
+    H = cv2.getPerspectiveTransform(source.astype(np.float32), target.astype(np.float32))
+    shape = (part.shape[1] * fine, part.shape[0] * fine)
+    cover, drawn = (
+        cv2.resize(
+            cv2.warpPerspective(one.astype(np.float32), H, shape),
+            part.shape[1::-1],
+            interpolation=cv2.INTER_AREA,
+        )[..., None]
+        for one in (np.ones_like(picture), picture)
+    )
+    part[:] = np.round(part * (1.0 - cover) + drawn)
 
 
 def draw(
-    background: Image, nodes: NDArray[np.float64], setup: Setup, camera: VirtualCamera
+    background: Image,
+    nodes: NDArray[np.float64],
+    setup: Setup,
+    camera: VirtualCamera,
+    *,
+    marks_hand: bool = True,
 ) -> Image:
-    """Return a frame with the cable and both markers.
+    """Return a frame with the cable and its markers.
 
     Args:
         background: Picture of the table.
         nodes: Cable from the hand to the free end [m], shape [node, 3].
         setup: Gives the cable.
         camera: Camera over the table.
+        marks_hand: Whether a marker shows the hand, too.
     """
     cv2 = load_cv2()
     image, view, marker = background.copy(), camera.view, MarkerConfig()
@@ -183,7 +244,8 @@ def draw(
         cv2.polylines(image, [pixels], False, color, thickness, cv2.LINE_AA, _FRACTION_BITS)
 
     line(nodes, CABLE, setup.cable.diameter)
-    for end, before, color in ((nodes[-1], nodes[-2], GREEN), (nodes[0], nodes[1], BLUE)):
+    hand = ((nodes[0], nodes[1], BLUE),) if marks_hand else ()
+    for end, before, color in ((nodes[-1], nodes[-2], GREEN), *hand):
         along = (end - before) / np.linalg.norm(end - before)
         half = (marker.length - marker.width) / 2 * along
         line(np.stack([end - half, end + half]), color, marker.width)
@@ -211,11 +273,11 @@ def film_by_hand(args: argparse.Namespace) -> None:
     setup = Setup(cable=args.cable)
     camera, rng = VirtualCamera(workspace=setup.workspace), np.random.default_rng(args.seed)
     camera.layout.save(args.out / "tags.yaml")
+    tag = None if args.tag is None else EndTag(id=args.tag)
     for number in range(args.count):
-        path = hand_motion(setup.workspace, rng)
-        count = write_video(
-            args.out / f"{number:06d}.mp4", film_hand(setup, path, camera, args.rate), args.rate
-        )
+        path = hand_motion(setup.workspace, rng, TURN if tag else 0.0)
+        frames = film_hand(setup, path, camera, args.rate, tag)
+        count = write_video(args.out / f"{number:06d}.mp4", frames, args.rate)
         print(f"film {number + 1} of {args.count}: {count} frames")
     truth = true_params(setup.cable).to_dict()
     write_text(args.out / "truth.json", json.dumps(truth, indent=2) + "\n")
@@ -241,6 +303,7 @@ def main(arguments: list[str] | None = None) -> None:
     hand.set_defaults(make=film_by_hand)
     hand.add_argument("--count", type=int, default=4, help="number of films")
     hand.add_argument("--cable", default="cable_1", help="preset or YAML file")
+    hand.add_argument("--tag", type=int, help="number of a 4X4_50 tag of 3 cm on the hand")
     hand.add_argument("--rate", type=float, default=60.0, help="frames per second")
     for kind in (trial, hand):
         kind.add_argument("out", type=pathlib.Path, help="folder to write to")

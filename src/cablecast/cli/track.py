@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import tyro
 
 from cablecast.cli.options import argument, load_lab, picked, polar_text
+from cablecast.errors import InputError
 from cablecast.runs.places import RUNS_FOLDER
 
 
@@ -18,11 +19,15 @@ class Track:
     Writes the track every 100 ms (track.csv), the endpoint in every frame (frames.csv), the status
     of the trial (metrics.json), the calibration, and a picture of the track. Cells are empty where
     the marker was not seen; nothing is guessed. A video of some seconds takes about a minute.
-    docs/camera.md explains how to set up a camera.
+    With --grip-hue or --grip-tag it also follows the hand that swings the cable, and writes a table
+    for `cablecast import` (casts.csv). docs/camera.md explains how to set up a camera, and
+    docs/fit-my-cable.md how to film a hand.
     """
 
-    video: Annotated[tyro.conf.Positional[pathlib.Path], argument("VIDEO")]
-    """Video in any format that FFmpeg reads, from a camera that did not move."""
+    videos: Annotated[
+        tyro.conf.Positional[tuple[pathlib.Path, ...]], argument("VIDEO [VIDEO ...]", "required")
+    ]
+    """Videos in any format that FFmpeg reads, from a camera that did not move."""
     calibration: Annotated[
         pathlib.Path | None, argument("FILE", "computed from the tags in the video")
     ] = None
@@ -57,30 +62,51 @@ class Track:
     ] = None
     """Size of the marker along and across the cable [m]."""
     marker_hue: Annotated[float | None, argument("DEG", "that of --setup, or 122, green")] = None
-    """Hue of the marker: 0 is red, 120 green, 240 blue [deg]. `camera check --pick` measures it. A
-    second marker of another hue tracks the hand that holds the cable."""
+    """Hue of the marker: 0 is red, 120 green, 240 blue [deg]. `camera check --pick` measures it."""
     marker_z: Annotated[float | None, argument("M", "the cable's radius")] = None
     """Height of the marker above the table [m]."""
-    out: Annotated[pathlib.Path | None, argument("DIR", "runs/track-VIDEO")] = None
-    """Folder of the results."""
+    grip_hue: Annotated[float | None, argument("DEG", "no hand is looked for")] = None
+    """Hue of a second marker, of the same size, where a hand holds the cable [deg]."""
+    grip_tag: Annotated[int | None, argument("ID", "no hand is looked for")] = None
+    """Number of a tag of the family 4X4_50 in its place, which tells how the hand turns."""
+    grip_tag_size: Annotated[float, argument("M")] = 0.03
+    """Side of the black square of that tag [m]."""
+    grip_z: Annotated[float | None, argument("M", "grip_height of --setup, or 0.02")] = None
+    """Height of the hand's marker or tag above the table [m]."""
+    out: Annotated[pathlib.Path | None, argument("DIR", "runs/track-VIDEO, or runs/track")] = None
+    """Folder of the results; of several videos, of a folder for each."""
 
     def run(self) -> None:
-        """Track, write the results, and print the status of the trial."""
+        """Track, write the results, and print the status of each trial."""
         from cablecast.cli.progress import console_progress
-        from cablecast.pipeline.track_video import TrackConfig, track_video
+        from cablecast.pipeline.track_video import (
+            CASTS_FILE,
+            TrackConfig,
+            join_casts,
+            track_video,
+        )
 
         config = TrackConfig(**picked(self, *(f.name for f in dataclasses.fields(TrackConfig))))
-        name = "track-" + (re.sub(r"[^\w.-]+", "_", self.video.stem).strip(".") or "video")
-        out = self.out or RUNS_FOLDER / name
-        with console_progress() as progress:
-            found = track_video(
-                self.video,
-                load_lab(self.setup, self.cable),
-                config=config,
-                out=out,
-                progress=progress,
-            )
-        _print_result(found.metrics, out)
+        names = [re.sub(r"[^\w.-]+", "_", one.stem).strip(".") or "video" for one in self.videos]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise InputError(f"{names.count(twice[0])} videos are called {twice[0]}: rename them")
+        if not names:
+            raise InputError("name a VIDEO to track")
+        if len(names) == 1:
+            out = self.out or RUNS_FOLDER / f"track-{names[0]}"
+            folders = [out]
+        else:
+            out = self.out or RUNS_FOLDER / "track"
+            folders = [out / name for name in names]
+        setup = load_lab(self.setup, self.cable)
+        for video, folder in zip(self.videos, folders, strict=True):
+            with console_progress() as progress:
+                found = track_video(video, setup, config=config, out=folder, progress=progress)
+            _print_result(found.metrics, folder)
+        if config.finds_grip:
+            table = out / CASTS_FILE
+            count = join_casts(folders, table)
+            print(f"{count} casts are in {table}: cablecast import {table}")
 
 
 def _print_result(metrics: dict[str, Any], out: pathlib.Path) -> None:
@@ -90,6 +116,8 @@ def _print_result(metrics: dict[str, Any], out: pathlib.Path) -> None:
     if metrics["final_xy"] is not None:
         print(f"endpoint  {polar_text(metrics['final_xy'])}")
     print(f"seen in   {metrics['frames_seen']} of {metrics['frame_count']} frames")
+    if "grip_seen" in metrics:
+        print(f"hand in   {metrics['grip_seen']} of {metrics['frame_count']} frames")
     print(
         f"tags      {metrics['tags_used']} used, rms {metrics['calibration_rms_mm']:.1f} mm"
         + (f", moved: {metrics['tags_rejected']}" if metrics["tags_rejected"] else "")

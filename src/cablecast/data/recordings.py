@@ -31,8 +31,8 @@ CAST_COLUMN, TIME_COLUMN = "cast", "time_s"
 TRACK_COLUMNS = ("x_m", "y_m")
 _JOINT = re.compile(r"q\d+_rad")
 GRIP_COLUMNS = ("grip_x_m", "grip_y_m")
-_YAW = "grip_yaw_rad"
-GRIP_OPTIONS = ("grip_z_m", _YAW)
+YAW_COLUMN = "grip_yaw_rad"
+GRIP_OPTIONS = ("grip_z_m", YAW_COLUMN)
 ACTION_COLUMNS = ("theta1_rad", "theta2_rad", "r2_m", "psi_rad")
 PACE_COLUMN = "pace"
 _LIKE_OURS = ("grip_", "theta1", "theta2", "r2", "psi", "pace")
@@ -441,13 +441,13 @@ def _grip(
         if not np.any(seen):
             continue
         at, values = times[seen], values[seen]
-        if name == _YAW:
+        if name == YAW_COLUMN:
             farthest, values = np.abs(values).max(), np.unwrap(values)
             grid = np.arange(at[0], at[-1] + _YAW_TIME, _YAW_TIME)
             rates = np.abs(np.diff(np.interp(grid, at, values))) / _YAW_TIME
             if farthest > _YAW_MAX or rates.max(initial=0.0) > _YAW_RATE_MAX:
                 raise InputError(
-                    f"{where}: {_YAW} goes to {farthest:.1f}, at up to "
+                    f"{where}: {YAW_COLUMN} goes to {farthest:.1f}, at up to "
                     f"{rates.max(initial=0.0):.1f} rad/s, and a grip at most to {_YAW_MAX:.1f} rad "
                     f"at {_YAW_RATE_MAX:g} rad/s: is it in degrees?"
                 )

@@ -6,7 +6,7 @@ import itertools
 import math
 import os
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from cablecast.camera.lens import VIEW_BOUNDS_DEG
 from cablecast.camera.settings import CameraSettings
-from cablecast.camera.tags import TagLayout
+from cablecast.camera.tags import EndTag, TagLayout
 from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.data.recordings import CAST_COLUMN, GRIP_COLUMNS, YAW_COLUMN
 from cablecast.errors import (
     CameraError,
     DamagedFileError,
@@ -38,9 +39,16 @@ from cablecast.vision.calibration import (
     check_tags,
 )
 from cablecast.vision.clock import check_film_rate
-from cablecast.vision.end_tag import make_tracker
+from cablecast.vision.end_tag import TagTracker, make_tracker
 from cablecast.vision.tags import detect_tags, load_cv2
-from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, grab_of
+from cablecast.vision.tracker import (
+    EndpointTracker,
+    MarkerConfig,
+    TrackerConfig,
+    grab_of,
+    hue_apart,
+    sample_path,
+)
 from cablecast.vision.trials import tags_of
 from cablecast.vision.video import (
     RATE_MAX,
@@ -55,7 +63,10 @@ FRAMES_FILE = "frames.csv"
 CALIBRATION_FILE = "calibration.json"
 PICTURE_FILE = "track.png"
 
+CASTS_FILE = "casts.csv"
+
 _COLUMNS = ("time_s", "x_m", "y_m")
+_CAST_COLUMNS = (CAST_COLUMN, *_COLUMNS, *GRIP_COLUMNS)
 _CALIBRATION_FRAMES = 12
 _TAGS_STRIDE, _TAGS_LOOKS = 60, 9
 """Frames from one look for the tags to the next, and looks in a film of few frames."""
@@ -64,6 +75,10 @@ _CAMERA = CameraSettings(source="film")
 
 _PLAIN = ("view_deg", "begin", "start", "end", "rate", "marker", "marker_hue", "marker_z")
 """Settings of a run that are no files."""
+_OF_THE_GRIP = ("grip_hue", "grip_tag", "grip_tag_size", "grip_z")
+"""Settings of a run that looks for the held end, too."""
+_GRIP_HUE_APART = 45.0
+"""Least difference between the hues of the two markers [deg], which light changes by 20 deg."""
 _OF_THE_CAMERA = (
     "width",
     "height",
@@ -105,6 +120,12 @@ class TrackConfig:
         marker_hue: Hue of the marker: 0 is red, 120 green, 240 blue [deg]; that of the lab file's
             camera if None.
         marker_z: Height of the marker's middle above the table [m]; the cable's radius if None.
+        grip_hue: Hue of a second marker, where a hand holds the cable [deg].
+        grip_tag: Number of a tag of the family 4X4_50 there in its place, which tells how the hand
+            turns; without either the held end is not looked for.
+        grip_tag_size: Length of a side of the tag's black square [m].
+        grip_z: Height of that marker or tag above the table [m]; the lab file's grip height if
+            None.
     """
 
     calibration: pathlib.Path | None = None
@@ -119,10 +140,18 @@ class TrackConfig:
     marker: tuple[float, float] | None = None
     marker_hue: float | None = None
     marker_z: float | None = None
+    grip_hue: float | None = None
+    grip_tag: int | None = None
+    grip_tag_size: float = 0.03
+    grip_z: float | None = None
 
     def __post_init__(self):
-        check_number("marker_hue", self.marker_hue or 0.0, 0.0, 360.0, "deg")
-        check_number("marker_z", self.marker_z or 0.0, 0.0, 0.5, "m")
+        for name in ("marker_hue", "grip_hue"):
+            check_number(name, getattr(self, name) or 0.0, 0.0, 360.0, "deg")
+        for name in ("marker_z", "grip_z"):
+            check_number(name, getattr(self, name) or 0.0, 0.0, 0.5, "m")
+        if self.grip_hue is not None and self.grip_tag is not None:
+            raise InputError("a marker or a tag shows the held end: give grip_hue or grip_tag")
         if self.calibration is not None and (self.tags or self.board):
             raise InputError("a calibration says it all: give either it, or tags and board")
         if self.log is not None and self.start:
@@ -141,6 +170,11 @@ class TrackConfig:
             check_number(name, value, 0.002, 0.5, "m")
         for name, value in zip(("begin x", "begin y"), self.begin or (0.0, 0.0), strict=True):
             check_number(name, value, -10.0, 10.0, "m")
+
+    @property
+    def finds_grip(self) -> bool:
+        """Whether the held end is looked for, too."""
+        return self.grip_hue is not None or self.grip_tag is not None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -192,6 +226,7 @@ def track_video(
         "board_sha256": _digest(config.board),
         **({} if config.log is None else {"log_sha256": _digest(config.log)}),
         **{name: getattr(config, name) for name in _PLAIN},
+        **({name: getattr(config, name) for name in _OF_THE_GRIP} if config.finds_grip else {}),
     }
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "track", settings)
@@ -199,14 +234,36 @@ def track_video(
         if done is not None:
             progress(Progress(task=f"Tracking {video.name}", note=DONE_NOTE))
             return VideoTrack(track=_read_track(run, done), metrics=done)
-        tracker, calibration, shift, image = _track(video, setup, config, progress)
+        found = _track(video, setup, config, progress)
         with run.locked():
-            track, metrics = tracker.track(), _metrics(tracker, calibration, shift)
+            track, metrics = found.tracker.track(), _metrics(found)
             if out is not None:
-                _write_files(run, tracker, calibration, image)
+                _write_files(run, found, video.stem)
                 metrics["track_sha256"] = _digest(run.path / TRACK_FILE)
                 run.finish(metrics)
         return VideoTrack(track=track, metrics=metrics)
+
+
+def join_casts(folders: Iterable[str | os.PathLike[str]], file: str | os.PathLike[str]) -> int:
+    """Join the tracks of films by hand into a table for `cablecast import`, one cast each.
+
+    Args:
+        folders: Folders of `track_video`, which looked for the held end, too.
+        file: Table to write.
+
+    Returns:
+        Number of casts.
+
+    Raises:
+        InputError: In a folder the held end was not looked for.
+    """
+    names = _CAST_COLUMNS
+    tables = [read_csv(pathlib.Path(one) / FRAMES_FILE, _CAST_COLUMNS) for one in folders]
+    if all(table and YAW_COLUMN in table[0] for table in tables):
+        names = (*names, YAW_COLUMN)
+    rows = [[row[name] for name in names] for table in tables for row in table]
+    write_csv(pathlib.Path(file), names, rows)
+    return len(tables)
 
 
 def _digest(path: pathlib.Path | None) -> str | None:
@@ -223,13 +280,72 @@ def _digest(path: pathlib.Path | None) -> str | None:
     return digest.hexdigest()[:16]
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Found:
+    """What was found in a film.
+
+    Attributes:
+        tracker: Tracker of the endpoint, which has seen all frames.
+        grip: Tracker of the held end; None where it was not looked for.
+        calibration: Calibration of the camera.
+        shift: Its check in the part of the film in which the tags are farthest from their places.
+        image: Last frame.
+    """
+
+    tracker: EndpointTracker
+    grip: EndpointTracker | None
+    calibration: Calibration
+    shift: TagShift
+    image: Any
+
+
+def _grip_tracker(
+    calibration: Calibration,
+    setup: Setup,
+    config: TrackConfig,
+    camera: CameraSettings,
+    end: TrackerConfig,
+) -> EndpointTracker | None:
+    """Return the tracker of the held end, if it is looked for.
+
+    Args:
+        calibration: Calibration of the camera.
+        setup: Gives the place where the cable is held at the start.
+        config: Marker or tag of the held end.
+        camera: Settings that the endpoint is tracked with.
+        end: Settings of its tracker.
+    """
+    if not config.finds_grip:
+        return None
+    workspace, tag = setup.workspace, None
+    height = workspace.grip_height if config.grip_z is None else config.grip_z
+    if config.grip_tag is not None:
+        tag = EndTag(id=config.grip_tag, size=config.grip_tag_size, height=height)
+        other = camera.end_tag
+        if other is not None and (other.id, other.family) == (tag.id, tag.family):
+            raise InputError(f"grip_tag = {tag.id} is the number of the tag at the free end, too")
+    elif camera.end_tag is None:
+        apart = abs(hue_apart(end.marker.hue, config.grip_hue or 0.0))
+        if apart < _GRIP_HUE_APART:
+            raise InputError(
+                f"marker_hue = {end.marker.hue:g} and grip_hue = {config.grip_hue:g} deg are "
+                f"{apart:g} deg apart: markers of less than {_GRIP_HUE_APART:g} are mixed up"
+            )
+    marker = dataclasses.replace(end.marker, hue=config.grip_hue or 0.0)
+    return make_tracker(
+        calibration.view,
+        workspace,
+        setup.cable,
+        dataclasses.replace(camera, end_tag=tag),
+        dataclasses.replace(end, marker=marker, marker_z=height),
+        start_xy=(0.0, workspace.reset_y),
+    )
+
+
 def _track(
     video: pathlib.Path, setup: Setup, config: TrackConfig, progress: ProgressCallback
-) -> tuple[EndpointTracker, Calibration, TagShift, Any]:
-    """Return the tracker that has seen all frames, the calibration, its check, and the last frame.
-
-    The check is that of the part of the film in which the tags are farthest from their places.
-    """
+) -> _Found:
+    """Return what was found in a film."""
     calibration = _calibrate(video, setup, config, progress)
     info, frames = read_video(video)
     # A film that does not say its length may be long.
@@ -240,19 +356,21 @@ def _track(
     hue = camera.marker_hue if config.marker_hue is None else config.marker_hue
     # A phone beside the camera of the lab file has another shutter.
     is_own = (camera.width, camera.height) == (info.width, info.height)
+    options = TrackerConfig(
+        marker=MarkerConfig(length=length, width=width, hue=hue),
+        marker_z=setup.cable.radius if config.marker_z is None else config.marker_z,
+        exposure_max=min(1.0 / 120, 1.0 / info.rate),
+        row_time=camera.row_time if is_own else 0.0,
+    )
     tracker = make_tracker(
         calibration.view,
         setup.workspace,
         setup.cable,
         camera,
-        TrackerConfig(
-            marker=MarkerConfig(length=length, width=width, hue=hue),
-            marker_z=setup.cable.radius if config.marker_z is None else config.marker_z,
-            exposure_max=min(1.0 / 120, 1.0 / info.rate),
-            row_time=camera.row_time if is_own else 0.0,
-        ),
+        options,
         start_xy=config.begin or (0.0, setup.workspace.reset_y + setup.cable.length),
     )
+    grip = _grip_tracker(calibration, setup, config, camera, options)
     image, time, task = None, 0.0, f"Tracking {video.name}"
     # Slow motion is stored with fewer frames per second than it was taken with.
     taken = capture_rate(video) if config.rate is None else config.rate
@@ -270,7 +388,8 @@ def _track(
     for count, (time, image) in enumerate(frames, start=1):
         if config.end is not None and pace * time - start > config.end:
             break
-        tracker.update(pace * time - start, grab_of(image))
+        for one in (tracker, *([] if grip is None else [grip])):
+            one.update(pace * time - start, grab_of(image))
         if (count - 1) % stride == 0:
             looks.append(detect_tags(image, calibration.family))
         if count % 60 == 0:
@@ -292,7 +411,13 @@ def _track(
         )
         if third
     ]
-    return tracker, calibration, max(shifts, key=lambda shift: shift.px), image
+    return _Found(
+        tracker=tracker,
+        grip=grip,
+        calibration=calibration,
+        shift=max(shifts, key=lambda shift: shift.px),
+        image=image,
+    )
 
 
 def _calibrate(
@@ -336,9 +461,9 @@ def _calibrate(
     return calibrate_view(pictures, layout, lens=lens, diagonal_view=math.radians(degrees))
 
 
-def _metrics(tracker: EndpointTracker, calibration: Calibration, shift: TagShift) -> dict[str, Any]:
-    track = tracker.track()
-    times, xy = tracker.frames
+def _metrics(found: _Found) -> dict[str, Any]:
+    calibration, shift = found.calibration, found.shift
+    track = found.tracker.track()
     landed = track.final_xy
     return {
         "status": track.status.code,
@@ -346,8 +471,8 @@ def _metrics(tracker: EndpointTracker, calibration: Calibration, shift: TagShift
         "final_xy": landed.tolist() if np.isfinite(landed).all() else None,
         "sample_count": len(track.times),
         "samples_seen": int(np.isfinite(track.endpoint_xy).all(axis=1).sum()),
-        "frame_count": len(times),
-        "frames_seen": int(np.isfinite(xy).all(axis=1).sum()),
+        "frame_count": len(found.tracker.frames[0]),
+        "frames_seen": _seen_count(found.tracker),
         "calibration_rms_mm": 1e3 * calibration.rms,
         "tags_used": len(calibration.tag_ids),
         "tags_rejected": list(calibration.rejected_ids),
@@ -355,24 +480,42 @@ def _metrics(tracker: EndpointTracker, calibration: Calibration, shift: TagShift
         "tags_off_px": shift.px,
         "tags_off_mm": 1e3 * shift.table,
         "tags_moved": shift.moved_words,
+        **({} if found.grip is None else {"grip_seen": _seen_count(found.grip)}),
     }
 
 
-def _write_files(
-    run: RunFolder, tracker: EndpointTracker, calibration: Calibration, image: Any
-) -> None:
-    calibration.save(run.path / CALIBRATION_FILE)
-    track = tracker.track()
-    times, xy = tracker.frames
-    write_csv(run.path / FRAMES_FILE, ("frame", *_COLUMNS), _rows(times, xy))
+def _seen_count(tracker: EndpointTracker) -> int:
+    """Return the number of frames in which a tracker saw what it follows."""
+    return int(np.isfinite(tracker.frames[1]).all(axis=1).sum())
+
+
+def _write_files(run: RunFolder, found: _Found, name: str) -> None:
+    """Write the files of a run; the name is that of the film."""
+    found.calibration.save(run.path / CALIBRATION_FILE)
+    track = found.tracker.track()
+    times, xy = found.tracker.frames
+    names, more = ("frame", *_COLUMNS), ()
+    if found.grip is not None:
+        # A rolling shutter exposes the held end at another moment than the free one.
+        grip_times, places = found.grip.frames
+        places = sample_path(grip_times, places, times)
+        names, more = (*names, *GRIP_COLUMNS), (places,)
+        if isinstance(found.grip, TagTracker):
+            turns = sample_path(grip_times, found.grip.turns[:, None], times)
+            names, more = (*names, YAW_COLUMN), (places, turns)
+        names = (*names, CAST_COLUMN)
+    rows = _rows(times, np.column_stack([xy, *more]))
+    if found.grip is not None:
+        rows = ((*row, name) for row in rows)
+    write_csv(run.path / FRAMES_FILE, names, rows)
     write_csv(run.path / TRACK_FILE, ("sample", *_COLUMNS), _rows(track.times, track.endpoint_xy))
-    if image is not None:
-        _draw(run.path / PICTURE_FILE, image, tracker)
+    if found.image is not None:
+        _draw(run.path / PICTURE_FILE, found.image, found.tracker)
 
 
-def _rows(times: Any, xy: Any) -> Iterator[tuple[Any, ...]]:
-    """Yield numbered rows of positions; cells are empty where nothing was seen."""
-    for number, (time, place) in enumerate(zip(times, xy, strict=True)):
+def _rows(times: Any, places: Any) -> Iterator[tuple[Any, ...]]:
+    """Yield numbered rows of places; cells are empty where nothing was seen."""
+    for number, (time, place) in enumerate(zip(times, places, strict=True)):
         cells = (f"{value:.5f}" if math.isfinite(value) else "" for value in place)
         yield number, f"{time:.5f}", *cells
 

@@ -281,7 +281,13 @@ class ParamPrior:
         rng = stream(seed, "prior")
         points = self.mean + self.deviation * rng.normal(size=(count, len(self.mean)))
         points[0] = self.mean
-        return np.clip(points, 0.0, 1.0)
+        return _reflected(points)
+
+
+def _reflected(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points reflected at the faces of the unit cube: clipped, they would pile up there."""
+    points = 1.0 - np.abs(1.0 - np.abs(points))
+    return np.clip(points, 0.0, 1.0)
 
 
 UNDETERMINED_SHARE = 0.7
@@ -351,10 +357,7 @@ class ParamPosterior:
         factor = np.linalg.cholesky(self.covariance)
         points = self.mean + rng.normal(size=(count, len(self.mean))) @ factor.T
         points[0] = self.mean
-        # Reflected at the faces: a parameter at its bound would pile up there otherwise.
-        points = np.abs(points)
-        points = 1.0 - np.abs(1.0 - points)
-        return self.space.to_params(np.clip(points, 0.0, 1.0))
+        return self.space.to_params(_reflected(points))
 
     @property
     def at_bound(self) -> tuple[str, ...]:

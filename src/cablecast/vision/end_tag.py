@@ -29,6 +29,19 @@ class TagTracker(EndpointTracker):
     def __init__(self, view: CameraView, workspace: Workspace, tag: EndTag, config: TrackerConfig):
         super().__init__(view, workspace, config)
         self._tag = tag
+        self._turns: list[float] = []
+
+    @property
+    def turns(self) -> NDArray[np.float64]:
+        """Turn of the tag since it was seen first, clockwise from above [rad], shape [frame].
+
+        NaN in frames that do not show it.
+        """
+        turns = np.array(self._turns)
+        seen = np.isfinite(turns)
+        unwrapped = np.unwrap(turns[seen])
+        turns[seen] = unwrapped - unwrapped[:1]
+        return turns
 
     def update(self, time: float, grab: Grab) -> NDArray[np.float64]:
         """Look at the next frame, and return the endpoint in it [m], shape [2]; NaN if not seen."""
@@ -40,10 +53,19 @@ class TagTracker(EndpointTracker):
             if near[2] - near[0] > 16 and near[3] - near[1] > 16:
                 windows.insert(0, near)
         found = (self._find(grab(window), window[:2]) for window in windows)
-        return self._record(time, next((pixel for pixel in found if pixel is not None), None))
+        pixel, turn = next((one for one in found if one is not None), (None, np.nan))
+        self._turns.append(turn)
+        return self._record(time, pixel)
 
-    def _find(self, image: NDArray[np.uint8], corner: ArrayLike) -> NDArray[np.float64] | None:
-        """Return the centre of the tag in a piece of the frame with a corner u, v [px], or None."""
+    def _find(
+        self, image: NDArray[np.uint8], corner: ArrayLike
+    ) -> tuple[NDArray[np.float64], float] | None:
+        """Return centre [px] and direction [rad] of the tag in a piece of the frame, or None.
+
+        Args:
+            image: The piece.
+            corner: Its left upper corner u, v [px].
+        """
         quad = detect_tags(image, self._tag.family).get(self._tag.id)
         if quad is None:
             return None
@@ -56,7 +78,8 @@ class TagTracker(EndpointTracker):
         # Where the diagonals meet: the centre, also in perspective.
         (a, b, c, d) = quad
         share = np.linalg.solve(np.stack([c - a, b - d], axis=-1), b - a)[0]
-        return a + share * (c - a)
+        x, y = places[0] - places[3]
+        return a + share * (c - a), float(np.arctan2(x, y))
 
 
 def make_tracker(
