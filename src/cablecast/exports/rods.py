@@ -15,8 +15,9 @@ STRETCH_RIGIDITY = 2000.0
 """EA [N]: a metre of rope stretches by 0.03 % under its own weight."""
 CONTACT_STIFFNESS = 1e4
 """Stiffness of the table against a segment [N/m]: it gives by micrometres."""
-WAVE_STEP = 0.2
-"""Step of PyElastica over the time in which a stretching wave passes a segment."""
+SHEAR_STEP = 0.7
+"""Step of PyElastica times the rate [rad/s] at which a thin segment rocks against its shear, the
+fastest motion of the rod: beyond 2 it breaks."""
 _UNITS = (
     "stretch_rigidity EA [N]; bend_stiffness EI, twist_stiffness GJ [N m2]; lengths [m]; masses "
     "[kg]; contact_stiffness [N/m]; dampings [1/s]; times [s]; spinning and rolling friction: [m]."
@@ -36,7 +37,9 @@ def newton(model: CableModel) -> str:
 def elastica(model: CableModel) -> str:
     """Return the script that makes a cable a rod of PyElastica."""
     length, mass = model.segment_length, model.value("mass") / model.segment_count
-    wave = math.sqrt(STRETCH_RIGIDITY * length / mass) / length
+    inertia = 0.25 * mass * model.cable.radius**2
+    bending = 4.0 * max(model.value("bend_stiffness"), model.value("twist_stiffness")) / length
+    rate = math.sqrt((STRETCH_RIGIDITY * length + bending) / inertia)
     values = _values(model) | {
         "gravity": GRAVITY,
         "rest_curvature": model.value("rest_curvature"),
@@ -44,7 +47,7 @@ def elastica(model: CableModel) -> str:
         "linear_damping": model.value("linear_damping"),
         "angular_damping": model.value("angular_damping"),
         "roll_inertia": 0.5 * mass * model.cable.radius**2,
-        "dt": float(f"{WAVE_STEP / wave:.1g}"),
+        "dt": float(f"{SHEAR_STEP / rate:.1g}"),
     }
     dropped = _dropped(model, ("spinning_friction", "rolling_friction", "damping_time"))
     dropped.append("angular_damping slows the spin of a segment about its axis alone.")
