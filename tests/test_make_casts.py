@@ -4,9 +4,12 @@ import csv
 import json
 import sys
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from tools import make_casts
+
+from cablecast.data.dataset import read_dataset
 
 
 @pytest.mark.slow
@@ -23,6 +26,17 @@ def test_one_command_makes_casts_of_each_kind_with_card_and_licence(tmp_path, mo
     # Calm and wild casts are the same motions at another pace.
     assert rows[2]["theta1"] == rows[3]["theta1"]
     assert float(rows[2]["pace"]) < float(rows[3]["pace"]) == 1.0
+    made = read_dataset(tmp_path / "work" / "cable_1-0" / "calibration")
+    facts, target = ("cable_1", 0.62, 0.011, 0), np.array([0.1, 1.0])
+    aimed = make_casts.rows(made, "aim", facts, [target, target])
+    assert [row[4:8] for row in aimed] == [("aim", 0.1, 1.0, 1), ("aim", 0.1, 1.0, 2)]
+    assert make_casts.rows(made, "aim", facts, [None, target])[0][4:8] == (
+        "calibration",
+        "",
+        "",
+        "",
+    )
+    assert len(aimed[0]) == len(make_casts.COLUMNS) - 1
     info = json.loads((out / "meta/info.json").read_text())
     frames = pq.read_table(out / "data")
     assert (info["total_episodes"], info["total_tasks"]) == (4, 1)

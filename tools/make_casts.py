@@ -5,7 +5,7 @@
 
 The folder has the layout of LeRobot (version 3) with one task for each cable and laboratory, a
 card, a licence, and `meta/casts.csv`: of each episode the cable, the laboratory, its purpose, the
-target and the try, the action, and where the cable came to rest. The casts are made in virtual
+target and the try, the motion, and where the cable came to rest. The casts are made in virtual
 laboratories, whose number is their seed. The same command goes on where it was stopped.
 """
 
@@ -25,16 +25,17 @@ from cablecast.cli.progress import console_progress
 from cablecast.data.dataset import Dataset
 from cablecast.data.lerobot import Episode, episodes_of, write_tables
 from cablecast.files import read_text, write_text
-from cablecast.motion.action import ACTION_NAMES
+from cablecast.motion.families import MOTIONS
 from cablecast.runs.progress import ProgressCallback
 
 ROOT = pathlib.Path(__file__).parents[1]
 FPS = 10
 CALM, WILD = (0.2, 0.6), (1.0, 1.0)
 """Ranges of the pace of other casts [-]."""
+MOTION_NAMES = tuple(name for kind in MOTIONS for name in kind.parameters)
 COLUMNS = (
     *("episode", "cable", "length_m", "diameter_m", "laboratory", "purpose", "target_x_m"),
-    *("target_y_m", "try", *ACTION_NAMES, "status", "landing_x_m", "landing_y_m"),
+    *("target_y_m", "try", *MOTION_NAMES, "status", "landing_x_m", "landing_y_m"),
 )
 CARD = pathlib.Path(__file__).with_name("casts_card.md")
 
@@ -107,7 +108,11 @@ def rows(casts: Dataset, kind: str, facts: tuple, goals: list[Any]) -> list[tupl
             number = tries[target] = tries.get(target, 0) + 1
         track = casts.track(row)
         landing = [f"{v:.4f}" if np.isfinite(v) else "" for v in track.final_xy]
-        action = [f"{v:.4f}" for v in casts.actions[row]]
+        motion = casts.motion(row)
+        known = (
+            {} if motion is None else dict(zip(motion.parameters, motion.to_array(), strict=True))
+        )
+        action = [f"{known[name]:.4f}" if name in known else "" for name in MOTION_NAMES]
         found.append((*facts, purpose, *target, number, *action, casts.status[row], *landing))
     return found
 
