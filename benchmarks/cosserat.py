@@ -43,8 +43,9 @@ class CablecastSolver:
     backend_version = cablecast.__version__
     capabilities: frozenset[Any] = frozenset()
 
-    def __init__(self, time_step_scale: float = 1.0):
+    def __init__(self, time_step_scale: float = 1.0, bending: float = 1.0):
         self.dt = STEP * time_step_scale
+        self.bending = bending
 
     def settings(self, scenario: Any, *, n_elements: int, n_frames: int) -> dict[str, Any]:
         """Return the numerical choices of a run, as values for a file."""
@@ -83,7 +84,7 @@ class CablecastSolver:
         nodes = _even(rod.nodes(10 * n_elements), n_elements + 1)
         start = nodes
         for _ in range(STRETCH_RUNS if scenario.quasi_static and held else 1):
-            cable, scale, fall = _cable(scenario, start)
+            cable, scale, fall = _cable(scenario, start, self.bending)
             engine = EngineWarp(
                 segment_count=n_elements,
                 dt=self._step(scenario, n_frames),
@@ -132,16 +133,20 @@ def _damping(scenario: Any) -> float:
     return min(2.0 * rate, PARAMS["linear_damping"].bounds[1])
 
 
-def _cable(scenario: Any, nodes: NDArray[np.float64]) -> tuple[Cable, float, float]:
+def _cable(
+    scenario: Any, nodes: NDArray[np.float64], share: float = 1.0
+) -> tuple[Cable, float, float]:
     """Return the cable of a scene, the factor of its masses and forces, and its gravity [m/s²].
+
+    Its stiffness in bending and twist is a share of the scene's.
 
     Only ratios of stiffness, mass and force matter: they are scaled into the bounds of a cable. A
     load is the weight of an attachment so heavy that the cable beside it weighs next to nothing,
     and as light as lets the scene come to rest in its time.
     """
     rod = scenario.rods[0]
-    bending = rod.material.youngs_modulus * rod.second_moment_of_area
-    twisting = rod.material.shear_modulus * 2.0 * rod.second_moment_of_area
+    bending = share * rod.material.youngs_modulus * rod.second_moment_of_area
+    twisting = share * rod.material.shear_modulus * 2.0 * rod.second_moment_of_area
     mass = rod.material.density * rod.area * rod.length
     load = float(sum(np.linalg.norm(load.force) for load in rod.loads))
     scale = min(PARAMS["bend_stiffness"].bounds[1] / bending, PARAMS["mass"].bounds[1] / mass)
@@ -207,8 +212,32 @@ class Args:
     elements: int | None = None
 
 
+CAUSES = (
+    ("pendulum", 25, 1.0),
+    ("pendulum", 50, 1.0),
+    ("pendulum", 100, 1.0),
+    ("catenary", 50, 1.0),
+    ("catenary", 50, 0.25),
+    ("catenary", 50, 0.05),
+)
+"""Experiment, elements, and share of the bending stiffness, with which EngineWarp shows what its
+errors are made of."""
+
+
+def causes() -> Iterator[tuple]:
+    """Yield rows of what the errors of EngineWarp are made of."""
+    from cosseratbench.experiment import run
+    from cosseratbench.registry import load_experiment
+
+    for name, elements, share in CAUSES:
+        result = run(load_experiment(name), CablecastSolver(bending=share), n_elements=elements)
+        error, value = next(iter(result.metrics.items()))
+        lumped = 1.0 / (4.0 * elements**2) if name == "pendulum" else None
+        yield (name, elements, share, f"{error} {value:.2e}", lumped)
+
+
 def cosserat(args: Args) -> Iterator[Table]:
-    """Yield what each solver's trajectories err by, and how long they take."""
+    """Yield what each solver's trajectories err by, how long they take, and what ours err by."""
     try:
         from cosseratbench.experiment import run
         from cosseratbench.registry import load_experiment, load_solver
@@ -250,3 +279,6 @@ def cosserat(args: Args) -> Iterator[Table]:
             plays = plays and not (own and result.missing)
             print(*row, flush=True)
     yield table
+    if args == Args():
+        columns = ("experiment", "elements", "bending stiffness, of its own", "error", "1 / (4 N²)")
+        yield Table("What is left of the errors of EngineWarp", columns, list(causes()))

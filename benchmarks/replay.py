@@ -44,6 +44,9 @@ Array = NDArray[np.float64]
 BROKEN_DISTANCE = 10.0
 """Distance of the free end from the base [m] beyond which a cast has broken."""
 
+NEWTON_DT, NEWTON_ITERATIONS = 1e-3, 10
+"""Step [s], and iterations of a step, of Newton's solver VBD."""
+
 
 def frames(directions: Array, first: Array) -> Array:
     """Return frames of segments that do not twist, y along each, shape [segment, 3, 3].
@@ -275,6 +278,130 @@ class ReplayBullet(Replay):
         return self.cable.end()
 
 
+class ReplayElastica(Replay):
+    """PyElastica and the exported rod.
+
+    Args:
+        script: File of the script.
+    """
+
+    def __init__(self, script: pathlib.Path):
+        import elastica as ea
+
+        self.ea: Any = ea
+        self.module = runpy.run_path(str(script))
+        self.dt = self.module["VALUES"]["dt"]
+        self.segment_count = self.module["VALUES"]["segment_count"]
+
+    def start(self, nodes: Array, grip: Array) -> None:
+        ea, pose = self.ea, {}
+
+        class System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Contact, ea.Damping):  # pyright: ignore[reportUntypedBaseClass]
+            pass
+
+        class Held(ea.ConstraintBase):  # pyright: ignore[reportUntypedBaseClass]
+            """The first element, its two nodes and its frame, moved with the grip."""
+
+            def constrain_values(self, system: Any, time: Any) -> None:
+                system.position_collection[:, :2] = pose["nodes"]
+                system.director_collection[..., 0] = pose["frame"]
+
+            def constrain_rates(self, system: Any, time: Any) -> None:
+                system.velocity_collection[:, :2] = pose["velocity"]
+                system.omega_collection[:, 0] = 0.0
+
+        self.pose = pose
+        behind = nodes[0] - self.module["VALUES"]["segment_length"] * grip[:, 1]
+        every = np.vstack([behind, nodes])
+        steps = np.diff(every, axis=0)
+        turned = frames(steps / np.linalg.norm(steps, axis=1, keepdims=True), grip)
+        self.rod = self.module["make_rod"](
+            behind,
+            grip[:, 1] * [1.0, 1.0, 0.0] / np.hypot(*grip[:2, 1]),
+            position=every.T,
+            directors=np.stack([self._directors(frame) for frame in turned], axis=-1),
+        )
+        self._hold(nodes[0], nodes[0], grip)
+        self.system = System()
+        self.system.append(self.rod)
+        self.system.constrain(self.rod).using(Held)
+        self.module["add_forces"](self.system, self.rod)
+        self.system.finalize()
+        self.stepper, self.time = ea.PositionVerlet(), 0.0
+
+    @staticmethod
+    def _directors(frame: Array) -> Array:
+        """Return PyElastica's rows normal, binormal and tangent of a frame whose y is along."""
+        x, y, _ = frame.T
+        return np.stack([x, np.cross(y, x), y])
+
+    def _hold(self, before: Array, place: Array, frame: Array) -> None:
+        behind = place - self.module["VALUES"]["segment_length"] * frame[:, 1]
+        self.pose["nodes"] = np.stack([behind, place], axis=1)
+        self.pose["frame"] = self._directors(frame)
+        self.pose["velocity"] = ((place - before) / self.dt)[:, None]
+
+    def advance(self, positions: Array, rotations: Array) -> None:
+        for before, place, frame in zip(positions, positions[1:], rotations[1:], strict=False):
+            self._hold(before, place, frame)
+            self.time = self.stepper.step(self.system, self.time, self.dt)
+
+    def tip(self) -> Array:
+        return self.rod.position_collection[:, -1].copy()
+
+
+class ReplayNewton(Replay):
+    """Newton and the exported rod, by its solver VBD.
+
+    Args:
+        script: File of the script.
+    """
+
+    def __init__(self, script: pathlib.Path):
+        import newton
+        import warp as wp
+
+        self.newton, self.wp = newton, wp
+        self.module = runpy.run_path(str(script))
+        self.dt = NEWTON_DT
+        self.segment_count = self.module["VALUES"]["segment_count"]
+
+    def start(self, nodes: Array, grip: Array) -> None:
+        newton, values = self.newton, self.module["VALUES"]
+        builder: Any = newton.ModelBuilder()
+        points = np.vstack([nodes[0] - values["segment_length"] * grip[:, 1], nodes])
+        bodies, _ = self.module["add_cable"](builder, points)
+        builder.add_ground_plane(cfg=self.module["surface"](newton))
+        builder.color()
+        self.model: Any = builder.finalize(device="cpu")
+        self.grip, self.end = bodies[0], bodies[-1]
+        self.states = [self.model.state(), self.model.state()]
+        self.control = self.model.control()
+        self.pipeline = newton.CollisionPipeline(self.model)
+        self.contacts = self.pipeline.contacts()
+        self.solver = newton.solvers.SolverVBD(self.model, iterations=NEWTON_ITERATIONS)
+
+    def _hold(self, place: Array, frame: Array) -> None:
+        """Write the pose of the grip's segment, whose middle lies behind the grip."""
+        middle = place - 0.5 * self.module["VALUES"]["segment_length"] * frame[:, 1]
+        # The axis z of a segment is along it.
+        turned = Rotation.from_matrix(np.stack([frame[:, 0], -frame[:, 2], frame[:, 1]], axis=1))
+        for state in self.states:
+            state.body_q.numpy()[self.grip] = [*middle, *turned.as_quat()]
+
+    def advance(self, positions: Array, rotations: Array) -> None:
+        for place, frame in zip(positions[1:], rotations[1:], strict=True):
+            self._hold(place, frame)
+            self.pipeline.collide(self.states[0], self.contacts)
+            self.solver.step(*self.states, self.control, self.contacts, self.dt)
+            self.states.reverse()
+
+    def tip(self) -> Array:
+        x, y, z, *quat = self.states[0].body_q.numpy()[self.end]
+        half = 0.5 * self.module["VALUES"]["segment_length"]
+        return np.array([x, y, z]) + Rotation.from_quat(quat).apply([0.0, 0.0, half])
+
+
 def grip_pose(position: Array, frame: Array) -> list[float]:
     """Return x, y, z [m], yaw and pitch [rad] of a grip."""
     x, y, z = frame[:, 1]
@@ -345,6 +472,10 @@ def players(tuned: Tuned, folder: pathlib.Path) -> Iterator[tuple[str, Callable[
         yield "MuJoCo, 1-D flex", lambda: ReplayFlex(flex.read_text(), damping)
     if has("pybullet"):
         yield "PyBullet", lambda: ReplayBullet(folder, name)
+    if has("elastica"):
+        yield "PyElastica", lambda: ReplayElastica(folder / f"{name}_elastica.py")
+    if has("newton"):
+        yield "Newton, VBD", lambda: ReplayNewton(folder / f"{name}_newton.py")
 
 
 COLUMNS = (
