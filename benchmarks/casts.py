@@ -18,6 +18,8 @@ import numpy as np
 
 from benchmarks.places import (
     FINE_TUNING_MIN,
+    HIT_PCT,
+    LOOPS,
     METHODS,
     MISSED_PCT,
     Found,
@@ -35,8 +37,18 @@ from cablecast.rigs.virtual.sensing import CameraErrorModel
 from cablecast.runs.progress import ProgressCallback
 
 KEY = ("rig", "cable", "casts", "method")
-MISSES = (*KEY, "targets", "try", "median", "low", "high", "q1", "q3", "lost", "in 50 %", "in 90 %")
+MISSES = (
+    *(*KEY, "targets", "try", "median", "low", "high", "q1", "q3", "lost", "hit"),
+    *("in 50 %", "in 90 %"),
+)
+DISTANCES = (
+    *(*KEY, "r [m]", "targets", "first try", "last try", "hit", "floor", "polar", "pace"),
+    "seconds",
+)
 DIFFERENCES = (*KEY, "targets", "try", "median", "low", "high")
+
+NEAR, FAR = 0.8, 1.05
+"""Bounds between near, middle and far targets [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -57,6 +69,8 @@ class CastsArgs(ModelArgs):
     """Numbers of real casts before the first target."""
     tries: int = 4
     """Casts at each target."""
+    equal: int = 0
+    """Times that the last cast at each target is repeated, to see its floor; 0 or at least 2."""
     quick: bool = False
     """Use the strange rig, one laboratory, one cable, 8 targets, and small models only."""
 
@@ -92,7 +106,7 @@ def run(args: CastsArgs, report: ProgressCallback) -> Found:
                     for method in args.methods:
                         if count < {"fine-tuning": FINE_TUNING_MIN, "paper": 2}.get(method, 0):
                             continue
-                        rows = here.results(method, count, own, args.tries)
+                        rows = here.results(method, count, own, args.tries, args.equal)
                         found.setdefault((name, cable, count, method), []).extend(rows)
     return found
 
@@ -110,10 +124,49 @@ def misses(found: Found, which: str = "") -> Table:
                 landed = np.array([share for share in shares if share is not None])
                 inside = tuple(100.0 * float(np.mean(landed < share)) for share in (0.5, 0.9))
             lost = 100.0 * np.mean(own >= MISSED_PCT)
-            spread = (*median_interval(own), q1, q3, lost)
+            hit = 100.0 * np.mean(values[:, : number + 1].min(axis=1) <= HIT_PCT)
+            spread = (*median_interval(own), q1, q3, lost, hit)
             rows.append((*key, len(own), number + 1, *spread, *inside))
-    title = "Miss of each try in % of cable length; lost: no landing, or a length off or more [%]"
+    title = (
+        "Miss of each try in % of cable length; lost: no landing, or a length off or more [%]; "
+        f"hit: share of targets with a miss of {HIT_PCT:g} % or less so far [%]"
+    )
     return Table(title=title + which, columns=MISSES, rows=rows)
+
+
+def distances(found: Found) -> Table:
+    """Return misses, floors and motions of near, middle and far targets, for methods that aim."""
+    rows = []
+    for key, casts_at in found.items():
+        if key[-1] not in LOOPS:
+            continue
+        for low, high in itertools.pairwise((0.0, NEAR, FAR, np.inf)):
+            own = [row for row in casts_at if low <= row["r"] < high]
+            if not own:
+                continue
+            misses = np.array([row["miss_pct"] for row in own])
+            floors = [value for row in own for value in row["floor_pct"]]
+            families = np.array([row["family"] for row in own])
+            paces = np.array([row["pace"] for row in own])[families == "sweep"]
+            rows.append(
+                (
+                    *key,
+                    f"{low:g} to {high:g}" if np.isfinite(high) else f"beyond {low:g}",
+                    len(own),
+                    *(float(np.median(misses[:, column])) for column in (0, -1)),
+                    100.0 * float(np.mean(misses.min(axis=1) <= HIT_PCT)),
+                    float(np.median(floors)) if floors else None,
+                    100.0 * float(np.mean(families == "polar")),
+                    float(np.median(paces)) if len(paces) else None,
+                    float(np.mean([row["seconds"] for row in own])),
+                )
+            )
+    title = (
+        "By distance: medians of misses and of the floor, the distance of equal casts from their "
+        "mean [% of cable length]; share hit, and of polar casts [%]; median pace of sweeps; mean "
+        "duration of a cast [s]"
+    )
+    return Table(title=title, columns=DISTANCES, rows=rows)
 
 
 def differences(found: Found) -> Table:
@@ -152,9 +205,12 @@ def casts(args: CastsArgs) -> Iterator[Table]:
     args = dataclasses.replace(args, **QUICK) if args.quick else args
     if unknown := sorted(set(args.methods) - set(METHODS)):
         raise InputError(f"unknown method {unknown[0][:40]!r}: one of {', '.join(METHODS)}")
+    if args.equal == 1:
+        raise InputError("--equal 1: one cast shows no floor; give 0, or 2 or more")
     with console_progress() as progress:
         found = run(args, progress)
     yield misses(found)
+    yield distances(found)
     if any(rig.startswith("virtual") for rig in args.rigs):
         yield from sighted(found, args)
     yield differences(found)

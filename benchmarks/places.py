@@ -2,9 +2,9 @@
 
 import dataclasses
 import functools
+import math
 import pathlib
 import runpy
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -54,6 +54,8 @@ EXAMPLE_RIG = pathlib.Path(__file__).parents[1] / "examples" / "05_your_own_rig.
 
 MISSED_PCT = 100.0
 """Miss of a cast without a landing [% of cable length]."""
+HIT_PCT = cc.AimConfig.within_pct
+"""Miss up to which a target is hit [% of cable length]."""
 FIT_MAX = 20
 """Casts that the simulator is fitted to at most: more hardly change the fit."""
 FINE_TUNING_MIN = 50
@@ -136,6 +138,7 @@ def aimed_misses(
     tries: int,
     *,
     full_gain: bool = False,
+    equal_count: int = 0,
 ) -> dict[str, list]:
     """Return the misses [% of cable length] of a session, which stays as it was.
 
@@ -145,13 +148,17 @@ def aimed_misses(
         target: Target [m], shape [2].
         tries: Number of casts.
         full_gain: True to take every miss at face value.
+        equal_count: Number of times that the last cast is repeated.
 
     Returns:
-        `miss_pct`; and in `share` the probability of the stated region that just holds each
-        landing, None without one.
+        For each try, `miss_pct`; `share`, the probability of the stated region that just holds the
+        landing, None without one; `chance`, that of a hit within `HIT_PCT`; `family` and `pace` of
+        its motion, and the `seconds` that it takes.
+        `floor_pct` holds the distances of equal casts of the last action from their mean.
     """
     session = session.fork()
-    rows: dict[str, list] = {"miss_pct": [], "share": []}
+    rows: dict[str, list] = {name: [] for name in ("miss_pct", "share", "chance", "family")}
+    rows |= {"pace": [], "seconds": [], "floor_pct": []}
     for _ in range(tries):
         if full_gain:
             experience = session.predictor.experience
@@ -164,6 +171,20 @@ def aimed_misses(
         share = proposal.expected.law.probability(cast.square)
         rows["miss_pct"].append(_counted(cast.miss_pct))
         rows["share"].append(share if np.isfinite(share) else None)
+        within = dataclasses.replace(proposal.goal, within_pct=HIT_PCT)
+        rows["chance"].append(proposal.expected.hit_chance(within))
+        rows["family"].append(proposal.action.family)
+        rows["pace"].append(float(proposal.action.to_array()[-1]))
+        rows["seconds"].append(proposal.trajectory.duration)
+        last = proposal.trajectory
+    if equal_count:
+        landings = np.array(equal_casts(rig, last, equal_count))
+        offsets = 100.0 * (landings - np.nanmean(landings, axis=0)) / session.setup.cable.length
+        # Deviations from the mean of so few are too small.
+        wider = math.sqrt(equal_count / (equal_count - 1))
+        rows["floor_pct"] = [
+            _counted(wider * float(miss)) for miss in np.linalg.norm(offsets, axis=1)
+        ]
     return rows
 
 
@@ -316,7 +337,9 @@ class Place:
         model: Any = policy.model
         return cc.train(simulated, real, start=model)
 
-    def player(self, method: str, count: int) -> Callable[..., dict[str, list]]:
+    def player(
+        self, method: str, count: int, equal_count: int = 0
+    ) -> Callable[..., dict[str, list]]:
         """Return what casts by a method: a function of rig, target and number of tries."""
         if method not in LOOPS:
             return functools.partial(planned_misses, self.policy(method, count))
@@ -324,23 +347,26 @@ class Place:
         if method == "one simulator" and session.model.tuned is not None:
             tuned = dataclasses.replace(session.model.tuned, members=())
             session.use(dataclasses.replace(session.model, tuned=tuned))
-        return functools.partial(aimed_misses, session, full_gain=method == "full gain")
+        return functools.partial(
+            aimed_misses, session, full_gain=method == "full gain", equal_count=equal_count
+        )
 
-    def results(self, method: str, count: int, targets: int, tries: int) -> list[dict[str, Any]]:
+    def results(
+        self, method: str, count: int, targets: int, tries: int, equal_count: int = 0
+    ) -> list[dict[str, Any]]:
         """Return the results at the targets of this place, and make those that are missing."""
         rows, play = [], None
         tries = try_count(method, tries)
         task = f"{self.name} {self.lab} {self.setup.cable.name}, {count} casts, {method}"
         for index, target in enumerate(random_targets(targets, self.lab)):
-            name = f"{method.replace(' ', '-')}-{count}-{tries}-{index:03d}"
+            name = f"{method.replace(' ', '-')}-{count}-{tries}-{equal_count}-{index:03d}"
             stored = self.parts.get(name)
             if stored is None:
                 if play is None:
                     self._report(task, index, targets)
-                    play = self.player(method, count)
-                start = time.monotonic()
+                    play = self.player(method, count, equal_count)
                 stored = play(Luck(self.rig, 1000 * (index + 1)), target, tries)
-                stored["seconds"] = round(time.monotonic() - start, 2)
+                stored["r"] = float(np.hypot(*target))
                 self.parts.put(name, stored)
                 self._report(task, index + 1, targets)
             rows.append(stored)
