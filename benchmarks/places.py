@@ -152,13 +152,13 @@ def aimed_misses(
 
     Returns:
         For each try, `miss_pct`; `share`, the probability of the stated region that just holds the
-        landing, None without one; `chance`, that of a hit within `HIT_PCT`; `family` and `pace` of
-        its motion, and the `seconds` that it takes.
+        landing, None without one; `chance`, that of a hit within `HIT_PCT`, and `expected`, what
+        else was stated; `family` and `pace` of its motion, and the `seconds` that it takes.
         `floor_pct` holds the distances of equal casts of the last action from their mean.
     """
     session = session.fork()
     rows: dict[str, list] = {name: [] for name in ("miss_pct", "share", "chance", "family")}
-    rows |= {"pace": [], "seconds": [], "floor_pct": []}
+    rows |= {"expected": [], "pace": [], "seconds": [], "floor_pct": []}
     for _ in range(tries):
         if full_gain:
             experience = session.predictor.experience
@@ -173,6 +173,7 @@ def aimed_misses(
         rows["share"].append(share if np.isfinite(share) else None)
         within = dataclasses.replace(proposal.goal, within_pct=HIT_PCT)
         rows["chance"].append(proposal.expected.hit_chance(within))
+        rows["expected"].append(_stated(proposal))
         rows["family"].append(proposal.action.family)
         rows["pace"].append(float(proposal.action.to_array()[-1]))
         rows["seconds"].append(proposal.trajectory.duration)
@@ -186,6 +187,19 @@ def aimed_misses(
             _counted(wider * float(miss)) for miss in np.linalg.norm(offsets, axis=1)
         ]
     return rows
+
+
+def _stated(proposal: cc.Proposal) -> dict[str, float]:
+    """Return what was stated before a cast: distances in cable lengths."""
+    expected, length = proposal.expected, proposal.setup.cable.length
+    return {
+        "miss": proposal.expected_miss,
+        "deviation": float(np.sqrt(0.5 * np.trace(expected.covariance))) / length,
+        "scatter": expected.scatter / length,
+        "failure": expected.failure,
+        "law_scale": expected.law.scale,
+        "law_freedom": expected.law.freedom,
+    }
 
 
 def _counted(miss_pct: float) -> float:
