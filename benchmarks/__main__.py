@@ -27,6 +27,7 @@ from benchmarks.result import (
     PHYSICS,
     ROBOT,
     SIGHT,
+    STRIKES,
     Result,
     Table,
     measured,
@@ -104,6 +105,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     "arms": ("arms:arms", LEARNING, "arms of other makers: time of candidates, and hits"),
     "labs": ("labs:labs", (*LEARNING, "pipeline/check"), "random laboratories: run or refused"),
     "irp": ("irp:main", AIR, "strikes in the air on the benchmark of Iterative Residual Policy"),
+    "strike": ("strike:main", STRIKES, "strikes in the air on the strike laboratory, with floors"),
     "reproduce": (
         "reproduction:main",
         PAPER,

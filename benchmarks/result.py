@@ -45,6 +45,16 @@ AIR = (
     "aiming/strike",
 )
 """Strikes in the air."""
+STRIKES = (
+    *AIR,
+    "arm",
+    "motion",
+    "rigs/virtual",
+    "tuning/servo",
+    "aiming/strike_session",
+    "pipeline/strike",
+)
+"""Strikes on the strike laboratory."""
 ROBOT = ("rigs/arm", "rigs/driver", "rigs/path", "rigs/ur")
 SIGHT = ("camera", "vision", "rigs/virtual")
 

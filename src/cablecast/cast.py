@@ -97,6 +97,8 @@ class EndpointTrack:
     Attributes:
         times: Times since the start of the motion [s], shape [step].
         endpoint_xy: Endpoint on the table [m], shape [step, 2]; NaN where it was not seen.
+        endpoint_z: Height of an endpoint that was swung in the air [m], shape [step]; None on the
+            table.
         status: End of the trial.
         nodes: Cable shape at the same times for pictures, base frame [m], shape
             [step, node, 3]; None if the executor cannot see it.
@@ -116,9 +118,10 @@ class EndpointTrack:
     joint_path: JointPath | None = None
     controller_log: ControllerLog | None = None
     note: str = ""
+    endpoint_z: NDArray[np.float64] | None = None
 
     def __post_init__(self):
-        for name in ("times", "endpoint_xy", "nodes"):
+        for name in ("times", "endpoint_xy", "nodes", "endpoint_z"):
             object.__setattr__(self, name, _numbers(name, getattr(self, name)))
         if self.endpoint_xy.shape != (*self.times.shape, 2) or self.times.ndim != 1:
             raise InputError(
@@ -127,6 +130,11 @@ class EndpointTrack:
             )
         if self.times.size == 0:
             raise InputError("an endpoint track needs at least one sample")
+        if self.endpoint_z is not None and self.endpoint_z.shape != self.times.shape:
+            raise InputError(
+                f"endpoint_z has shape {self.endpoint_z.shape}, times {self.times.shape}: they "
+                "must be alike"
+            )
         nodes = self.nodes
         if nodes is not None and (
             nodes.ndim != 3 or len(nodes) != len(self.times) or nodes.shape[2] != 3
@@ -134,6 +142,13 @@ class EndpointTrack:
             raise InputError(
                 f"nodes have shape {nodes.shape}: {len(self.times)} times require [step, node, 3]"
             )
+
+    @property
+    def path(self) -> NDArray[np.float64]:
+        """Path of the endpoint [m], shape [step, 2], or [step, 3] in the air."""
+        if self.endpoint_z is None:
+            return self.endpoint_xy
+        return np.column_stack([self.endpoint_xy, self.endpoint_z])
 
     @property
     def final_xy(self) -> NDArray[np.float64]:
@@ -148,7 +163,7 @@ def _numbers(name: str, values: Any) -> NDArray[np.float64] | None:
         values = np.ma.filled(values.astype(float), np.nan)
     if isinstance(values, np.ndarray) and np.issubdtype(values.dtype, np.floating):
         return values
-    if values is None and name == "nodes":
+    if values is None and name in ("nodes", "endpoint_z"):
         return None
     try:
         return np.asarray(values, dtype=float)
@@ -302,7 +317,7 @@ class Cast:
         """
         path: NDArray[np.float64] | None = None
         if self.status is TrialStatus.OK:
-            path = self.track.endpoint_xy
+            path = self.track.path
         elif self.status is TrialStatus.OFF_TABLE and table is not None:
             path = _path_to_edge(self.track.endpoint_xy, table)
         if path is None:

@@ -1,6 +1,7 @@
 """Setup: cable, workspace, arm and motion settings as one object, and as one lab file."""
 
 import dataclasses
+import json
 import math
 import os
 import pathlib
@@ -12,7 +13,7 @@ import yaml
 
 from cablecast.arm.base import Arm
 from cablecast.arm.description import arm_from_dict
-from cablecast.arm.robot import RobotConfig
+from cablecast.arm.robot import Point, RobotConfig, point
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import Cable, load_cable
 from cablecast.camera.settings import CameraSettings
@@ -21,6 +22,7 @@ from cablecast.errors import (
     InputError,
     UnknownNameError,
     check_keys,
+    check_number,
     check_ranges,
 )
 from cablecast.files import parse_yaml, read_text, read_yaml, write_text
@@ -30,6 +32,9 @@ DEFAULT_CABLE = "cable_1"
 
 SECTIONS = ("cable", "workspace", "arm", "motion")
 """Sections that describe a laboratory, and keys of its dictionary form."""
+
+STRIKE_SECTION = "strike"
+"""Section of a laboratory in which a cable is swung in the air."""
 
 INSTRUMENTS = ("robot", "camera")
 """Sections that say how to reach what stands in the laboratory; they change no result."""
@@ -82,6 +87,98 @@ class MotionConfig:
         )
 
 
+_Pair = tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StrikeConfig:
+    """A stick on the flange, from whose end a cable hangs, and the joint moves that swing it.
+
+    The arm stands where the cable can hang and swing: on a post, or at the edge of a table. Heights
+    are those of the base frame, as everywhere.
+
+    Attributes:
+        stick_length: Distance along the flange's z from the flange to the cable's root [m].
+        stick_radius: Half the diameter of the stick [m].
+        start_deg: Joint angles at the start of each swing [deg], shape [joint]. The default is that
+            of a UR whose stick points down.
+        joints: Names of the joints that move. Their axes are parallel, so that the cable swings in
+            one plane.
+        speed: Least and largest speed of the joint that moves most [rad/s].
+        turns_deg: Turn of each of them from the start, at both ends of its range [deg], shape
+            [joint that moves, 2].
+        ramp_time: Duration of speeding up and of slowing down [s].
+        watch_time: Time from the start for which a swing is watched [s].
+        floor: Height of the floor [m].
+        clear_low: Corner of the box in which neither people nor things are, in the base frame:
+            smallest x, y, z [m]. A real arm swings only where the cable can never leave it.
+        clear_high: Opposite corner [m].
+    """
+
+    stick_length: float = 0.5
+    stick_radius: float = 0.01
+    start_deg: tuple[float, ...] = (0.0, -70.0, 150.0, -170.0, -90.0, 0.0)
+    joints: tuple[str, ...] = ("elbow", "wrist_1")
+    speed: _Pair = (1.0, 3.0)
+    turns_deg: tuple[_Pair, ...] = ((-60.0, -180.0), (60.0, -120.0))
+    ramp_time: float = 0.2
+    watch_time: float = 2.5
+    floor: float = -1.2
+    clear_low: Point | None = None
+    clear_high: Point | None = None
+
+    def __post_init__(self):
+        bounds = {
+            "stick_length": (0.0, 2.0, "m"),
+            "stick_radius": (1e-3, 0.1, "m"),
+            "ramp_time": (0.05, 10.0, "s"),
+            "watch_time": (0.5, 20.0, "s"),
+            "floor": (-10.0, 2.0, "m"),
+        }
+        check_ranges(self, bounds, "strike")
+        for name in ("clear_low", "clear_high"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, point(f"strike {name}", getattr(self, name)))
+        if (self.clear_low is None) != (self.clear_high is None):
+            raise InputError("strike needs both clear_low and clear_high, or neither")
+        object.__setattr__(self, "joints", _row("joints", self.joints))
+        for name, unit, bound in (("start_deg", "deg", 720.0), ("speed", "rad/s", 40.0)):
+            values = [
+                check_number(f"strike {name}", value, -bound, bound, unit)
+                for value in _row(name, getattr(self, name))
+            ]
+            object.__setattr__(self, name, tuple(values))
+        turns = [_row("turns_deg", pair) for pair in _row("turns_deg", self.turns_deg)]
+        if len(self.speed) != 2 or not 1e-3 <= self.speed[0] <= self.speed[1]:
+            raise InputError(f"strike speed = {list(self.speed)} must be a least and a largest one")
+        if len(turns) != len(self.joints) or any(len(pair) != 2 for pair in turns):
+            raise InputError(
+                f"strike turns_deg must be two angles for each of the {len(self.joints)} joints"
+            )
+        checked = [
+            tuple(check_number("strike turns_deg", value, -720.0, 720.0, "deg") for value in pair)
+            for pair in turns
+        ]
+        object.__setattr__(self, "turns_deg", tuple(checked))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for a lab file."""
+        values = json.loads(json.dumps(dataclasses.asdict(self)))
+        return {name: value for name, value in values.items() if value is not None}
+
+    @classmethod
+    def from_dict(cls, values: Any) -> "StrikeConfig":
+        """Make the settings from plain values; missing keys take their defaults."""
+        known = {field.name for field in dataclasses.fields(cls)}
+        return cls(**check_keys({} if values is None else values, known, STRIKE_SECTION))
+
+
+def _row(name: str, values: Any) -> tuple[Any, ...]:
+    if not isinstance(values, (list, tuple)):
+        raise InputError(f"strike {name} = {str(values)[:60]!r} must be a list")
+    return tuple(values)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, init=False)
 class Setup:
     """Set-up of a laboratory: cable, table, arm and motion settings.
@@ -93,6 +190,8 @@ class Setup:
         motion: System parameters of the casting motions.
         robot: Controller of the real arm, and the bounds of its motion; None where there is none.
         camera: Camera above the table; None where there is none.
+        strike: Stick and joint moves of a laboratory in which the cable is swung in the air; None
+            where it is cast onto a table.
     """
 
     cable: Cable
@@ -101,6 +200,7 @@ class Setup:
     motion: MotionConfig
     robot: RobotConfig | None
     camera: CameraSettings | None
+    strike: StrikeConfig | None
 
     def __init__(
         self,
@@ -111,6 +211,7 @@ class Setup:
         motion: MotionConfig | None = None,
         robot: RobotConfig | None = None,
         camera: CameraSettings | None = None,
+        strike: StrikeConfig | None = None,
     ):
         """Make a set-up; parts that are not given are the paper's, for its arm and cable.
 
@@ -133,9 +234,14 @@ class Setup:
             "motion": motion or MotionConfig(r0=workspace.reset_y),
             "robot": robot,
             "camera": camera,
+            "strike": strike,
         }
         for name, part in parts.items():
             object.__setattr__(self, name, part)
+        if strike is not None:
+            # No cable lies on a table.
+            _check_hanging(strike, arm)
+            return
         end = workspace.reset_y + cable.length
         if workspace.reset_y < workspace.y_min:
             raise InputError(
@@ -175,6 +281,8 @@ class Setup:
             values["robot"] = self.robot.to_dict()
         if self.camera is not None:
             values["camera"] = self.camera.to_dict()
+        if self.strike is not None:
+            values[STRIKE_SECTION] = self.strike.to_dict()
         return values
 
     def to_settings(self) -> dict[str, Any]:
@@ -185,7 +293,7 @@ class Setup:
         """
         values = self.to_dict()
         del values["arm"]["measured"]
-        return {name: values[name] for name in SECTIONS}
+        return laboratory_sections(values)
 
     @classmethod
     def from_dict(
@@ -206,7 +314,7 @@ class Setup:
                 "this is a cable, not a laboratory: pass a cable file as --cable, or indent its "
                 "lines below `cable:`"
             )
-        values = check_keys(values, {*SECTIONS, *INSTRUMENTS}, "the set-up")
+        values = check_keys(values, {*SECTIONS, *INSTRUMENTS, STRIKE_SECTION}, "the set-up")
         robot, camera = values.get("robot"), values.get("camera")
         known = {field.name for field in dataclasses.fields(MotionConfig)}
         cable = values.get("cable", DEFAULT_CABLE)
@@ -226,7 +334,29 @@ class Setup:
             motion=MotionConfig(**{"r0": workspace.reset_y, **motion}),
             robot=None if robot is None else RobotConfig.from_dict(robot),
             camera=None if camera is None else CameraSettings.from_dict(camera, folder),
+            strike=StrikeConfig.from_dict(values[STRIKE_SECTION])
+            if STRIKE_SECTION in values
+            else None,
         )
+
+
+def laboratory_sections(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the sections of some settings that describe a laboratory."""
+    names = (*SECTIONS, STRIKE_SECTION) if STRIKE_SECTION in values else SECTIONS
+    return {name: values[name] for name in names}
+
+
+def _check_hanging(strike: StrikeConfig, arm: Arm) -> None:
+    """Refuse a strike of other joints than the arm's."""
+    if len(strike.start_deg) != arm.joint_count:
+        raise InputError(
+            f"strike start_deg has {len(strike.start_deg)} angles, {arm.model} {arm.joint_count} "
+            "joints"
+        )
+    for name in strike.joints:
+        if name not in arm.joint_names:
+            known = ", ".join(arm.joint_names)
+            raise InputError(f"strike joint {str(name)[:40]!r} is none of the arm's: {known}")
 
 
 def _nearer_hint(workspace: Workspace, cable: Cable) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.conventions import Array, Ellipse, polar_to_xy, xy_to_polar
 from cablecast.errors import InputError, TargetError, check_number
+from cablecast.motion.joint_move import JointMoves, SwingPlane
 from cablecast.setup import Setup
 
 WITHIN_PCT = 3.0
@@ -260,17 +261,22 @@ class Strike(Task):
     def values(
         self, setup: Setup, value: ArrayLike | None = None, **forms: ArrayLike | None
     ) -> Array:
-        """Check goals x, y, z [m], shape [3] or [goal, 3], and return them, shape [goal, 3].
+        """Check goals and return them as x, y, z [m], shape [goal, 3].
 
-        Which of them a move can strike, `StrikePrior` knows.
+        They are given so, shape [3] or [goal, 3], or by their distance ahead of the base's axis and
+        their height [m] in the plane of the swing, shape [2] or [goal, 2]; see `SwingPlane`. Which
+        of them a move can strike, `StrikePrior` knows.
         """
-        if forms or value is None:
-            raise InputError("a strike is given as target_xyz")
+        if any(form is not None for form in forms.values()) or value is None:
+            raise InputError("a strike is given as target_xyz, or by distance ahead and height")
         goals = np.atleast_2d(_numbers("target_xyz", value))
-        if goals.ndim != 2 or goals.shape[1] != 3:
+        if goals.ndim != 2 or goals.shape[1] not in (2, 3):
             raise InputError(
-                f"target_xyz has shape {np.shape(value)}: it must be [3] or [target, 3]"
+                f"the target of a strike has shape {np.shape(value)}: it must be [3] or [target, 3]"
+                ", or with 2 in place of 3"
             )
+        if goals.shape[1] == 2:
+            goals = SwingPlane.of(JointMoves.of(setup)).points(goals)
         for xyz in goals:
             if not np.all(np.isfinite(xyz)):
                 raise TargetError(f"target ({xyz[0]}, {xyz[1]}, {xyz[2]}) is not finite")

@@ -1,5 +1,6 @@
 """AimSession: targets, casts at them, and what follows from each landing, step by step."""
 
+import abc
 import copy
 import dataclasses
 import enum
@@ -136,7 +137,128 @@ LANDINGS_FILE = "landings.npz"
 """Simulated landings of the casts of a session, in its folder."""
 
 
-class AimSession:
+class CastSession(abc.ABC):
+    """Casts at goals of one task on one cable, kept one by one.
+
+    Attributes:
+        setup: Cable, workspace, arm and motion settings.
+        task: Task of its goals.
+        config: Settings.
+        store: All casts, with discarded ones.
+        sight: Limits of the sight of the rig's camera; None while they are unknown.
+    """
+
+    setup: Setup
+    task: Task
+    config: AimConfig
+    store: CastStore
+    sight: CameraSight | None
+
+    @abc.abstractmethod
+    def propose(self, target_xy: Goal) -> Proposal:
+        """Propose the next cast at a goal, and say what to expect of it."""
+
+    @abc.abstractmethod
+    def observe(self, proposal: Proposal, track: EndpointTrack) -> Cast:
+        """Take in a proposed cast that was made, and what the rig saw of it."""
+
+    @abc.abstractmethod
+    def stop(self, proposal: Proposal) -> "Stop | None":
+        """Return why a proposed cast is not worth making; None if it is."""
+
+    @property
+    @abc.abstractmethod
+    def refit_due(self) -> "RefitDue | None":
+        """Why the simulator should be fitted to all casts now; None if it need not be."""
+
+    @abc.abstractmethod
+    def refit(self, progress: ProgressCallback = show) -> None:
+        """Fit the simulator to all casts, and plan with it from now on."""
+
+    def goals(
+        self, target_xy: ArrayLike | None = None, **forms: ArrayLike | None
+    ) -> tuple[Goal, ...]:
+        """Return checked goals with the tolerance of the session; see `values` of the task."""
+        return self.task.goals(self.setup, target_xy, within_pct=self.config.within_pct, **forms)
+
+    @property
+    def casts(self) -> tuple[Cast, ...]:
+        """All casts in the order in which they were made, with discarded ones."""
+        return tuple(self.store.casts)
+
+    @property
+    def undone(self) -> frozenset[int]:
+        """Numbers of the casts that were discarded."""
+        return self.store.undone
+
+    def casts_at(self, value: ArrayLike) -> list[Cast]:
+        """Return the casts at one goal by its value, shape [k], without discarded ones."""
+        goal = np.asarray(value, dtype=float)
+        return [cast for _, cast in self.active_casts() if cast.is_at(goal)]
+
+    def active_casts(self) -> list[tuple[int, Cast]]:
+        """Return the casts that were not discarded, with their numbers."""
+        return [row for row in enumerate(self.store.casts) if row[0] not in self.undone]
+
+    def is_done(self, value: ArrayLike) -> bool:
+        """Return whether a goal of some value, shape [k], was hit, or all its tries are used."""
+        casts = self.casts_at(value)
+        return len(casts) >= self.config.tries or any(cast.hit for cast in casts)
+
+    def cast(self, rig: CheckedRig, proposal: Proposal) -> Cast:
+        """Make a proposed cast on a rig with the set-up of the session, and take it in.
+
+        Raises:
+            RigError: The cast failed too often.
+            InputError: The proposal is not the next cast of the session.
+        """
+        self._check_next(proposal)
+        return self.observe(proposal, self.play(rig, proposal.trajectory, proposal.number))
+
+    def play(self, rig: CheckedRig, motion: Trajectory, number: int) -> EndpointTrack:
+        """Reset a rig and play one motion; a cast that fails is repeated.
+
+        A rig that draws by chance draws from the number of the cast.
+
+        Raises:
+            RigError: The cast failed too often.
+        """
+        # Robot and camera of a lab file are no part of what a session knows.
+        if rig.setup.to_settings() != self.setup.to_settings():
+            raise InputError("the rig has another set-up than the session")
+        try:
+            track, _ = attempt_trial(rig, motion, index=number, purpose="aim")
+        except TrialFailedError as error:
+            raise RigError(f"cast {number} {error}. Earlier casts are kept") from error
+        try:
+            self.look(rig)
+        except RigError as error:
+            # A cast that was made is not lost because the camera fails afterwards.
+            warnings.warn(
+                f"the camera does not say what it sees after cast {number}, and the next cast "
+                f"relies on its sight before: {error}",
+                stacklevel=2,
+            )
+        return track
+
+    def look(self, rig: CheckedRig) -> None:
+        """Ask a rig what its camera cannot see, and aim past it; `play` does so after each cast."""
+        if hasattr(rig, "sight"):
+            self.sight = rig.sight()
+
+    def _check_next(self, proposal: Proposal) -> None:
+        if not isinstance(proposal, Proposal):
+            raise InputError(
+                f"a proposal is what propose(target) returns, not a {type(proposal).__name__}"
+            )
+        if proposal.number != len(self.store):
+            raise InputError(
+                f"the proposal is cast {proposal.number} of the session, whose next cast is "
+                f"{len(self.store)}: propose again, since other casts were made meanwhile"
+            )
+
+
+class AimSession(CastSession):
     """Aims at targets one after another, and corrects by every cast.
 
     ```
@@ -238,16 +360,6 @@ class AimSession:
             self.model.ensemble.keep_landings(self.store.folder / LANDINGS_FILE, self.task)
 
     @property
-    def casts(self) -> tuple[Cast, ...]:
-        """All casts in the order in which they were made, with discarded ones."""
-        return tuple(self.store.casts)
-
-    @property
-    def undone(self) -> frozenset[int]:
-        """Numbers of the casts that were discarded."""
-        return self.store.undone
-
-    @property
     def fitted_count(self) -> int:
         """Number of casts that the simulator was fitted to, without those discarded since."""
         return sum(self.model.has_fitted(*row) for row in self._active_sweeps())
@@ -286,23 +398,9 @@ class AimSession:
         self._condition()
         return self.store.casts[number]
 
-    def casts_at(self, value: ArrayLike) -> list[Cast]:
-        """Return the casts at one goal by its value, shape [k], without discarded ones."""
-        goal = np.asarray(value, dtype=float)
-        return [cast for _, cast in self.active_casts() if cast.is_at(goal)]
-
-    def active_casts(self) -> list[tuple[int, Cast]]:
-        """Return the casts that were not discarded, with their numbers."""
-        return [row for row in enumerate(self.store.casts) if row[0] not in self.undone]
-
     def _active_sweeps(self) -> list[tuple[int, Cast]]:
         """Return the sweeps that were not discarded: simulators are fitted to these."""
         return [(number, self.store.casts[number]) for number in self.store.sweeps]
-
-    def is_done(self, value: ArrayLike) -> bool:
-        """Return whether a goal of some value, shape [k], was hit, or all its tries are used."""
-        casts = self.casts_at(value)
-        return len(casts) >= self.config.tries or any(cast.hit for cast in casts)
 
     def stop(self, proposal: Proposal) -> "Stop | None":
         """Return why a proposed cast is not worth making; None if it is.
@@ -435,47 +533,6 @@ class AimSession:
             self.store.add(Cast.of_motion(motion, self.play(rig, motion, number), "pilot"))
             self._condition()
 
-    def cast(self, rig: CheckedRig, proposal: Proposal) -> Cast:
-        """Make a proposed cast on a rig with the set-up of the session, and take it in.
-
-        Raises:
-            RigError: The cast failed too often.
-            InputError: The proposal is not the next cast of the session.
-        """
-        self._check_next(proposal)
-        return self.observe(proposal, self.play(rig, proposal.trajectory, proposal.number))
-
-    def play(self, rig: CheckedRig, motion: Trajectory, number: int) -> EndpointTrack:
-        """Reset a rig and play one motion; a cast that fails is repeated.
-
-        A rig that draws by chance draws from the number of the cast.
-
-        Raises:
-            RigError: The cast failed too often.
-        """
-        # Robot and camera of a lab file are no part of what a session knows.
-        if rig.setup.to_settings() != self.setup.to_settings():
-            raise InputError("the rig has another set-up than the session")
-        try:
-            track, _ = attempt_trial(rig, motion, index=number, purpose="aim")
-        except TrialFailedError as error:
-            raise RigError(f"cast {number} {error}. Earlier casts are kept") from error
-        try:
-            self.look(rig)
-        except RigError as error:
-            # A cast that was made is not lost because the camera fails afterwards.
-            warnings.warn(
-                f"the camera does not say what it sees after cast {number}, and the next cast "
-                f"relies on its sight before: {error}",
-                stacklevel=2,
-            )
-        return track
-
-    def look(self, rig: CheckedRig) -> None:
-        """Ask a rig what its camera cannot see, and aim past it; `play` does so after each cast."""
-        if hasattr(rig, "sight"):
-            self.sight = rig.sight()
-
     def observe(self, proposal: Proposal, track: EndpointTrack) -> Cast:
         """Take in a proposed cast that was made, and what the rig saw of it.
 
@@ -494,17 +551,6 @@ class AimSession:
             raise
         self.drifted = len(self.predictor.experience.drifts) > drift_count
         return cast
-
-    def _check_next(self, proposal: Proposal) -> None:
-        if not isinstance(proposal, Proposal):
-            raise InputError(
-                f"a proposal is what propose(target) returns, not a {type(proposal).__name__}"
-            )
-        if proposal.number != len(self.store):
-            raise InputError(
-                f"the proposal is cast {proposal.number} of the session, whose next cast is "
-                f"{len(self.store)}: propose again, since other casts were made meanwhile"
-            )
 
     @property
     def refit_due(self) -> "RefitDue | None":

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.cable import Cable
 from cablecast.engines.swing import SAMPLE_DT, SwingModel, SwingMotion
 from cablecast.errors import TargetError
-from cablecast.task import closest
+from cablecast.task import STRIKE, closest
 from cablecast.tuning.tips import TipBelief, TipPosterior, TipSwing, fit_tips
 
 Array = NDArray[np.float64]
@@ -219,6 +219,25 @@ class StrikeAim:
             miss += self.loss(tip)
         self.tries.append(StrikeTry(unit=unit, tip=tip, miss=miss))
         return miss
+
+    def outcomes(self, unit: ArrayLike) -> Array:
+        """Return the points of likely paths of a move that are closest to the goal, [cable, 3].
+
+        Before the first fit they are those of the cables of the prior, whose move it must be.
+        """
+        unit = np.asarray(unit, dtype=float)
+        if self.posterior is None:
+            row = int(np.argmin(np.abs(self.prior.units - unit).max(axis=1)))
+            tips = np.asarray(self.prior.tips[:, row], dtype=float)
+        else:
+            likely = self.posterior.draw(LIKELY_COUNT, np.random.default_rng(len(self.tries)))
+            rows = np.zeros(len(likely), dtype=int)
+            swings = self.model.play(self.model.motion(unit).rows(rows), likely, nodes=True)
+            units = np.tile(unit, (len(likely), 1))
+            tips = self._corrected(units, swings.tip, self._residuals(likely))
+            first = swings.contacts(np.arange(len(likely)))
+            tips[np.arange(tips.shape[1]) >= first[:, None]] = np.nan
+        return STRIKE.outcome_at(tips, self.goal)
 
     def _fit(self) -> None:
         """Fit the cable to the best tries."""

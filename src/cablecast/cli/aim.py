@@ -16,6 +16,7 @@ from cablecast.cli.options import (
     LabFile,
     RigName,
     TargetOptions,
+    TaskName,
     TimeLimit,
     WithPolar,
     WithRefit,
@@ -81,8 +82,12 @@ class Aim(AimConfig, _Targets):
     further targets with the same command. An interrupted one goes on where it stopped. It ends with
     a report of the tries. The exit status is 3 if a target was not hit: missed by all tries, given
     up, or not cast at.
+
+    With --task strike the cable hangs from a stick, and is swung so that its free end passes a
+    point in the air; no swing is made before the first target.
     """
 
+    task: TaskName = None
     rig: RigName = "virtual"
     setup: LabFile = None
     cable: CableName = None
@@ -104,6 +109,11 @@ class Aim(AimConfig, _Targets):
         """Aim, and print every cast; return the exit status."""
         # As for the page: a second thread for small matrices mostly waits.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        setup = load_lab(self.setup, self.cable, self.task)
+        if setup.strike is not None:
+            from cablecast.cli.strike import aim_strike
+
+            return aim_strike(self, setup)
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.aim import (
@@ -126,7 +136,6 @@ class Aim(AimConfig, _Targets):
                 "aim needs either --target R THETA or --target-xy X Y, once or more, or "
                 "--paper-targets"
             )
-        setup = load_lab(self.setup, self.cable)
         out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
         targets = paper_targets(setup) if self.paper_targets else self.targets(setup)
         # The paper's errors are those of all its targets.

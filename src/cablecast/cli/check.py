@@ -10,6 +10,7 @@ from cablecast.cli.options import (
     GripSpeed,
     LabFile,
     TargetOptions,
+    TaskName,
     argument,
 )
 
@@ -22,9 +23,11 @@ class Check(TargetOptions):
     others that it may be as well. The command prints the share of the table on which they end,
     whether a --target is among it, what keeps them from the rest, and which changes of the
     laboratory reach clearly more in simulation; it draws the places. No robot is needed. The exit
-    status is 3 if no cast stays on the table.
+    status is 3 if no cast stays on the table. With --task strike it says where swings pass in the
+    air; the status is 3 if a --target cannot be struck.
     """
 
+    task: TaskName = None
     setup: LabFile = None
     cable: CableName = None
     v_max: GripSpeed = None
@@ -41,7 +44,11 @@ class Check(TargetOptions):
         from cablecast.pipeline.check import PICTURE_FILE, check
         from cablecast.runs.places import CHECK_FOLDER, cable_folder
 
-        setup = load_lab(self.setup, self.cable, v_max=self.v_max, r0=self.r0)
+        setup = load_lab(self.setup, self.cable, self.task, v_max=self.v_max, r0=self.r0)
+        if setup.strike is not None:
+            from cablecast.cli.strike import check_strikes
+
+            return check_strikes(self, setup)
         places = self.targets(setup)
         out = self.out or cable_folder(setup.cable.name) / CHECK_FOLDER
         with console_progress() as progress:

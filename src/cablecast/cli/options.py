@@ -64,7 +64,8 @@ class TargetOptions:
 
     target: Annotated[_Places, tyro.conf.UseAppendAction, argument("R THETA")] = ()
     """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
-    the robot's right. Give it again for more."""
+    the robot's right. That of a strike: distance ahead of the base, and height [m]. Give it again
+    for more."""
     target_xy: Annotated[_Places, tyro.conf.UseAppendAction, argument("X Y")] = ()
     """Target in the base frame [m], x to the robot's right and y ahead, in place of --target."""
 
@@ -189,16 +190,39 @@ Workers = Annotated[
 ]
 
 
-def load_lab(lab_file: pathlib.Path | None, cable: str | None, **motion: float | None) -> "Setup":
-    """Return the set-up of --setup (the paper's if None), --cable and given motion options."""
+TaskName = Annotated[
+    typing.Literal["landing", "strike"] | None,
+    argument(
+        "TASK",
+        "strike if the lab file has a strike section, else landing",
+        "What a cast is for: landing on the table, or a strike, in which the free end passes a "
+        "point in the air.",
+    ),
+]
+
+
+def load_lab(
+    lab_file: pathlib.Path | None,
+    cable: str | None,
+    task: str | None = None,
+    **motion: float | None,
+) -> "Setup":
+    """Return the set-up of --setup (the paper's if None), --cable and given motion options.
+
+    It has a strike section where the task is one, and none where it is a landing.
+    """
     from cablecast.cable import load_cable
-    from cablecast.setup import Setup, load_setup
+    from cablecast.setup import Setup, StrikeConfig, load_setup
 
     chosen = None if cable is None else load_cable(cable)
     if lab_file is not None:
         setup = load_setup(lab_file, chosen)
     else:
         setup = Setup() if chosen is None else Setup(cable=chosen)
+    if task == "strike" and setup.strike is None:
+        setup = dataclasses.replace(setup, strike=StrikeConfig())
+    elif task == "landing" and setup.strike is not None:
+        setup = dataclasses.replace(setup, strike=None)
     given = {name: value for name, value in motion.items() if value is not None}
     return setup.with_motion(**given) if given else setup
 

@@ -33,7 +33,7 @@ from cablecast.motion.families import MOTIONS, motion_of
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath, Motion
 from cablecast.runs.folder import fingerprint
-from cablecast.setup import SECTIONS, Setup
+from cablecast.setup import SECTIONS, Setup, laboratory_sections
 from cablecast.task import Landing, Task
 
 T = TypeVar("T")
@@ -210,6 +210,7 @@ class Dataset:
             joint_path=self.measured_joints(row),
             controller_log=self.controller_log(row),
             note=str(self.extra["note"][row] or "") if "note" in self.extra else "",
+            endpoint_z=self._values("track_z", row),
         )
 
     def measured_joints(self, row: int) -> JointPath | None:
@@ -307,7 +308,7 @@ class StoredSettings:
     def setup(self) -> Setup:
         """Cable, workspace, arm and motion settings."""
         return self._read(
-            lambda values: Setup.from_dict({name: values[name] for name in SECTIONS}),
+            lambda values: Setup.from_dict(laboratory_sections(values)),
             "set-up",
             SECTIONS,
         )

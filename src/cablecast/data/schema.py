@@ -17,6 +17,7 @@ from cablecast.conventions import Array
 from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError
 from cablecast.files import read_bytes, read_sealed
 from cablecast.motion.action import ACTION_NAMES
+from cablecast.motion.joint_move import TURN_NAMES
 
 SCHEMA_VERSION = 4
 """Version of the schema; datasets of other versions are refused."""
@@ -59,10 +60,16 @@ OPTIONAL_COLUMNS = (
     Column("polar_x", "float64", "m", "x of the gripper at the end of its pull"),
     Column("polar_y", "float64", "m", "y of the gripper at the end of its pull"),
     Column("polar_pace", "float64", "-", "pace of its swing; that of the reset is 1"),
+    Column("swing_speed", "float64", "rad/s", "speed of the joint that moves most in a swing"),
+    *(
+        Column(name, "float64", "rad", f"turn of joint {number} in a swing")
+        for number, name in enumerate(TURN_NAMES, 1)
+    ),
     Column("repeat", "int64", "-", "repeat of the same action, from 0"),
     Column("times", "list", "s", "times of the track"),
     Column("track_x", "list", "m", "x of the free end at these times"),
     Column("track_y", "list", "m", "y of the free end at these times"),
+    Column("track_z", "list", "m", "height of a free end that was swung in the air"),
     Column("joint_times", "list", "s", "times of the commanded joints"),
     Column(
         "joint_q", "list", "rad", "commanded joint angles, joint after joint, one group per time"

@@ -60,6 +60,7 @@ def cast_row(cast: Cast) -> dict[str, Any]:
         "times": track.times,
         "track_x": track.endpoint_xy[:, 0],
         "track_y": track.endpoint_xy[:, 1],
+        **({} if track.endpoint_z is None else {"track_z": track.endpoint_z}),
         "joint_times": None if commanded is None else commanded.times,
         "joint_q": None if commanded is None else commanded.q.ravel(),
         "actual_times": None if actual is None else actual.times,

@@ -19,6 +19,7 @@ from cablecast.motion.joint_move import (
     knot_times,
     swing_shape,
 )
+from cablecast.setup import Setup
 
 Array = NDArray[np.float64]
 
@@ -137,6 +138,18 @@ class SwingModel:
             radius=CableRows.of(cable).radius,
             motion=motion,
         )
+
+
+def swing_model(setup: Setup, segment_count: int = 24) -> SwingModel:
+    """Return the simulated arm of a set-up with a strike section.
+
+    Raises:
+        InputError: There is no such section.
+    """
+    moves = JointMoves.of(setup)
+    assert setup.strike is not None
+    engine = EngineWarp(segment_count=segment_count, dt=1e-3, table=False)
+    return SwingModel(moves=moves, engine=engine, duration=setup.strike.watch_time)
 
 
 def _meetings(shape: ArmShape, names: tuple[str, ...]) -> NDArray[np.int_]:

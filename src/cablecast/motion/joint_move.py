@@ -7,6 +7,7 @@ that moves most has the speed of the move, and speed up and slow down each take 
 
 import dataclasses
 import math
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,12 +16,18 @@ from cablecast.arm.base import Arm, LimitPeak, limit_violations, rod_ends
 from cablecast.arm.shape import ArmShape, self_gaps
 from cablecast.errors import InputError, check_number, check_ranges
 from cablecast.motion.grip_path import GripPath
+from cablecast.setup import Setup
 
 Array = NDArray[np.float64]
 
 KNOT_DT = 0.01
 """Time between the knots of a grip path [s]: a tenth of a short ramp."""
 
+TURN_NAMES = tuple(f"swing_turn_{number}" for number in range(1, 8))
+"""Names of the turns of a move: an arm has at most seven joints."""
+
+_PARALLEL = 0.02
+"""Largest distance between the unit vectors of axes that count as parallel [-]."""
 _UPRIGHT = 1e-4
 """Horizontal part of a direction below which its yaw is that of its neighbours [-]."""
 
@@ -90,6 +97,27 @@ class JointMoves:
             check_number(f"{name} speed of a joint move", row[0], 1e-3, 40.0, "rad/s")
         check_number("ramp_time of a joint move", self.ramp_time, 1e-3, 10.0, "s")
 
+    @classmethod
+    def of(cls, setup: Setup) -> "JointMoves":
+        """Return the moves of a laboratory in which cables are swung.
+
+        Raises:
+            InputError: The set-up has no strike section.
+        """
+        strike = setup.strike
+        if strike is None:
+            raise InputError("the lab file has no strike section: a swing in the air needs one")
+        low, high = np.radians(np.array(strike.turns_deg, dtype=float).T).tolist()
+        return cls(
+            arm=setup.arm,
+            stick=Stick(length=strike.stick_length, radius=strike.stick_radius),
+            start=tuple(np.radians(strike.start_deg).tolist()),
+            joints=tuple(setup.arm.joint_names.index(name) for name in strike.joints),
+            low=(strike.speed[0], *low),
+            high=(strike.speed[1], *high),
+            ramp_time=strike.ramp_time,
+        )
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
@@ -108,6 +136,28 @@ class JointMoves:
         unit = np.clip(np.asarray(unit, dtype=float), 0.0, 1.0)
         low, high = np.array(self.low), np.array(self.high)
         return low + unit * (high - low)
+
+    def move(self, unit: ArrayLike) -> "JointMove":
+        """Return one move by its unit coordinates, shape [parameter]."""
+        speed, *moved = self.values(unit).tolist()
+        turns = np.zeros(len(TURN_NAMES))
+        turns[list(self.joints)] = moved
+        return JointMove(speed=speed, turns=tuple(turns.tolist()))
+
+    def unit_of(self, move: "JointMove") -> Array:
+        """Return the unit coordinates of a move, shape [parameter]; half where there is a choice.
+
+        Raises:
+            InputError: It is none of these moves.
+        """
+        values = np.array([move.speed, *(move.turns[joint] for joint in self.joints)])
+        low, span = np.array(self.low), np.subtract(self.high, self.low)
+        still = span == 0.0
+        unit = np.where(still, 0.5, (values - low) / np.where(still, 1.0, span))
+        others = np.delete(np.array(move.turns[: self.arm.joint_count]), list(self.joints))
+        if np.any(np.abs(unit - 0.5) > 0.5 + 1e-6) or np.any(others != 0.0):
+            raise InputError(f"{move} is beyond the ranges of speed and turns of the lab file")
+        return np.clip(unit, 0.0, 1.0)
 
     def duration(self, unit: ArrayLike) -> Array:
         """Return the duration of moves [s], shape [...]."""
@@ -165,6 +215,114 @@ class JointMoves:
         times = knot_times(duration)
         q, _ = self.angles(np.atleast_2d(np.asarray(unit, dtype=float)), times)
         return grip_path_of_joints(times, q, self.arm, self.stick)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SwingPlane:
+    """Vertical plane in which moves of parallel joints swing a cable.
+
+    Places in it are the distance ahead of the base's axis and the height [m]. The third coordinate
+    is the distance from the plane, to the right of who looks ahead.
+
+    Attributes:
+        ahead: Horizontal unit vector, shape [3].
+        right: Normal of the plane, shape [3].
+        aside: Distance of the plane from the base's axis, to the right [m].
+    """
+
+    ahead: Array
+    right: Array
+    aside: float
+
+    @classmethod
+    def of(cls, moves: JointMoves) -> "SwingPlane":
+        """Return the plane of the cable's root at the start, across the joints that move.
+
+        Raises:
+            InputError: Their axes are not level and parallel.
+        """
+        frames = moves.arm.frames(np.array(moves.start))
+        axes = np.array([frames[joint][:3, 2] for joint in moves.joints])
+        axes *= np.sign(axes @ axes[0])[:, None]
+        if np.abs(axes - axes[0]).max() > _PARALLEL or abs(axes[0, 2]) > _PARALLEL:
+            names = " and ".join(moves.arm.joint_names[joint] for joint in moves.joints)
+            raise InputError(
+                f"the axes of {names} are not level and parallel at the start of a strike: the "
+                "cable would not swing in a vertical plane"
+            )
+        root = moves.stick.root(frames[-1])
+        right = np.array([axes[0, 0], axes[0, 1], 0.0]) / math.hypot(axes[0, 0], axes[0, 1])
+        ahead = np.array([-right[1], right[0], 0.0])
+        if ahead @ root < 0.0:
+            ahead, right = -ahead, -right
+        return cls(ahead=ahead, right=right, aside=float(right @ root))
+
+    def points(self, places: ArrayLike) -> Array:
+        """Return points [m], shape [..., 3], of places [m], shape [..., 2]."""
+        places = np.asarray(places, dtype=float)
+        up = np.array([0.0, 0.0, 1.0])
+        flat = places[..., :1] * self.ahead + places[..., 1:2] * up
+        return flat + self.aside * self.right
+
+    def coordinates(self, points: ArrayLike) -> Array:
+        """Return distance ahead, height and distance from the plane of points [m], [..., 3]."""
+        points = np.asarray(points, dtype=float)
+        away = points @ self.right - self.aside
+        return np.stack([points @ self.ahead, points[..., 2], away], axis=-1)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class JointMove:
+    """One move of a laboratory in which cables are swung: a `Motion`.
+
+    Attributes:
+        speed: Speed of the joint that moves most [rad/s].
+        turns: Turn of each joint [rad], zero for joints that there are not, shape [7].
+    """
+
+    family: ClassVar[str] = "swing"
+    parameters: ClassVar[tuple[str, ...]] = ("swing_speed", *TURN_NAMES)
+    near_table: ClassVar[bool] = False
+
+    speed: float
+    turns: tuple[float, ...]
+
+    def __str__(self) -> str:
+        turns = ", ".join(
+            f"joint {number} by {np.degrees(turn):.1f} deg"
+            for number, turn in enumerate(self.turns, 1)
+            if turn
+        )
+        return f"a swing at {self.speed:.2f} rad/s, {turns}"
+
+    def to_array(self) -> Array:
+        """Return speed [rad/s] and turns [rad], shape [parameter]."""
+        return np.array([self.speed, *self.turns])
+
+    @classmethod
+    def from_array(cls, values: ArrayLike) -> "JointMove":
+        """Make a move from its parameters."""
+        speed, *turns = np.asarray(values, dtype=float).tolist()
+        return cls(speed=speed, turns=tuple(turns))
+
+    def mirrored(self) -> "JointMove":
+        """Raise an error: the plane of a swing is no mirror image of itself."""
+        raise InputError("a swing has no mirror image")
+
+    def grip_path(self, setup: Setup) -> GripPath:
+        """Return the path of the cable's root, one row."""
+        moves = JointMoves.of(setup)
+        unit = moves.unit_of(self)
+        return moves.grip_path(unit, float(moves.duration(unit)))
+
+    def set_points(self, setup: Setup) -> tuple[Array, Array, Array]:
+        """Return times [s], angles [rad] and rates [rad/s] at the robot's control cycle."""
+        moves, dt = JointMoves.of(setup), setup.motion.control_dt
+        unit = moves.unit_of(self)
+        count = math.ceil(float(moves.duration(unit)) / dt - 1e-9) + 1
+        times = np.arange(count, dtype=float) * dt
+        (q,), (qd,) = moves.angles(unit[None], times)
+        return times, q, qd
 
 
 def knot_times(duration: float) -> Array:

@@ -10,6 +10,7 @@ from cablecast.arm.base import limit_violations
 from cablecast.errors import IKError, InputError, JointLimitError
 from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.joint_move import JointMove
 from cablecast.setup import Setup
 
 
@@ -80,8 +81,8 @@ def joint_path(grip_path: GripPath, setup: Setup) -> JointPath:
 class Motion(Protocol):
     """What a cast is planned from: the parameters of one family of motions.
 
-    `Action` is the sweep of the paper, `PolarCast` its baseline. `MOTIONS` (`motion/families.py`)
-    lists them all.
+    `Action` is the sweep of the paper, `PolarCast` its baseline, `JointMove` a swing in the air.
+    `MOTIONS` (`motion/families.py`) lists them all.
 
     Attributes:
         family: Name of the family in files.
@@ -150,6 +151,11 @@ def plan_trajectory(action: Motion, setup: Setup) -> Trajectory:
         InputError: There is no such motion in this set-up.
         JointLimitError: The motion violates limits; the message names each with its value.
     """
+    if isinstance(action, JointMove):
+        times, q, qd = action.set_points(setup)
+        path = JointPath(times=times, q=q, qd=qd)
+        _check_set_points(path, setup, str(action))
+        return Trajectory(action=action, grip_path=action.grip_path(setup), joint_path=path)
     return follow(action.grip_path(setup), setup, str(action), action)
 
 

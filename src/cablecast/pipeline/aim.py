@@ -19,6 +19,7 @@ from cablecast.aiming.config import AimConfig
 from cablecast.aiming.predictor import SPREAD_COUNT, Beliefs
 from cablecast.aiming.session import (
     AimSession,
+    CastSession,
     RefitDue,
     Stop,
     poor_fit,
@@ -65,6 +66,8 @@ from cablecast.tuning.tuned import PARAMS_FILE, Tuned, load_tuned, write_params
 
 CALIBRATION_FOLDER, SECOND_FOLDER = "calibration", "calibration-2"
 SESSION_FOLDER = "session"
+PRIOR_FILE = "prior.npz"
+"""Simulated swings of believed cables, in the folder of a session of strikes."""
 FITS_FOLDER = "fits"
 """A later fit lies in `fits/NNNNN-MMMMM`: the session had NNNNN casts then, and MMMMM of them were
 discarded. The newest that is finished is the one that the session goes on with."""
@@ -80,7 +83,7 @@ RIG_PART = "rig"
 _OWN = {
     f"{RIG_PART}.json",
     *(CALIBRATION_FOLDER, SECOND_FOLDER, TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER),
-    *(SESSION_FOLDER, FITS_FOLDER, REPORT_FOLDER),
+    *(SESSION_FOLDER, FITS_FOLDER, REPORT_FOLDER, PRIOR_FILE),
 }
 
 
@@ -107,13 +110,13 @@ class AimResult:
 
     Attributes:
         session: Session, which further targets can be aimed at in.
-        target_xy: Targets [m], shape [target, 2].
+        target_xy: Targets [m], shape [target, 2], or [target, 3] in the air.
         casts: Casts at each target, in order.
         stops: Why no further cast was made at each target; None if it was hit, or if all tries were
             used.
     """
 
-    session: AimSession
+    session: CastSession
     target_xy: NDArray[np.float64]
     casts: tuple[tuple[Cast, ...], ...]
     stops: tuple[Stop | None, ...]
@@ -153,13 +156,13 @@ def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
     Raises:
         OSError: The folder cannot be written.
     """
-    _check_folder(pathlib.Path(folder))
+    check_folder(pathlib.Path(folder))
     with hold_folder(pathlib.Path(folder), InputError), tempfile.TemporaryFile(dir=folder):
         pass
     _check_machine(config, "matplotlib", "jinja2")
 
 
-def _check_folder(path: pathlib.Path) -> None:
+def check_folder(path: pathlib.Path) -> None:
     """Check that a folder holds nothing but what aiming made."""
     if path.exists() and not path.is_dir():
         raise InputError(f"{path} is a file: aiming needs a folder")
@@ -215,8 +218,8 @@ def prepare_aim(
     # Before any cast.
     _check_machine(config, *(() if folder is None else ("matplotlib",)))
     if folder is not None:
-        _check_folder(folder)
-        _keep_rig(folder, rig)
+        check_folder(folder)
+        keep_rig(folder, rig)
     learning = _Learning(rig.setup, config, simulators, folder)
     session_folder = None if folder is None else folder / SESSION_FOLDER
     store = CastStore(rig.setup, session_folder)
@@ -254,7 +257,7 @@ def prepare_aim(
     return session
 
 
-def _keep_rig(folder: pathlib.Path, rig: CheckedRig) -> None:
+def keep_rig(folder: pathlib.Path, rig: CheckedRig) -> None:
     """Record whose casts a folder holds, to refuse another rig."""
     parts, here = Parts(folder), plain_settings({"rig": dict(rig.description)})
     there = parts.get(RIG_PART)
@@ -484,7 +487,7 @@ class _Learning:
 
 @check_argument_types
 def aim(
-    session: AimSession | ForwardSearchPolicy,
+    session: CastSession | ForwardSearchPolicy,
     rig: CheckedRig,
     target_xy: ArrayLike | None = None,
     *,
@@ -493,7 +496,7 @@ def aim(
     on_proposal: Callable[[Proposal], None] | None = None,
     on_cast: Callable[[Cast], None] | None = None,
     on_stop: Callable[[Stop], None] | None = None,
-    on_refit: Callable[[AimSession, RefitDue], None] | None = None,
+    on_refit: Callable[[CastSession, RefitDue], None] | None = None,
     progress: ProgressCallback = show,
 ) -> AimResult:
     """Cast at targets one after another, each until it is hit or all tries are used.
@@ -504,9 +507,11 @@ def aim(
     unless `AimConfig.refit` is False.
 
     Args:
-        session: Session that `prepare_aim` returned, or a policy of simulated casts alone.
+        session: Session that `prepare_aim` or `prepare_strike` returned, or a policy of simulated
+            casts alone.
         rig: Rig that `make_rig` returned, with the set-up of the session.
-        target_xy: Targets [m], shape [2] or [target, 2]; or else r and theta_deg.
+        target_xy: Targets [m], shape [2] or [target, 2]; or else r and theta_deg. Those of strikes
+            are a distance ahead and a height in the plane of the swing.
         r: Distances from the robot's base [m], a number or shape [target].
         theta_deg: Angles from straight ahead, positive to the robot's right [deg], a number or
             shape [target].
@@ -521,7 +526,7 @@ def aim(
         TargetError: A target is not finite, out of reach, or off the table.
         RigError: A cast failed too often. Earlier casts are kept.
     """
-    session = session if isinstance(session, AimSession) else AimSession(session)
+    session = session if isinstance(session, CastSession) else AimSession(session)
     goals = session.goals(target_xy, r=r, theta_deg=theta_deg)
     stops = []
     for done, goal in enumerate(goals):
@@ -555,16 +560,16 @@ def aim(
     )
 
 
-def _evaluation(result: AimResult, rig: CheckedRig) -> Evaluation:
+def _evaluation(result: AimResult, session: AimSession, rig: CheckedRig) -> Evaluation:
     """Return all casts at some targets as an evaluation; `repeat` counts the tries from 0."""
-    setup = result.session.setup
+    setup = session.setup
     casts = [cast for casts in result.casts for cast in casts]
     return Evaluation(
         setup=setup,
         rig=dict(rig.description),
         target_xy=result.target_xy,
-        inside_coverage=result.session.model.policy.inside_coverage(
-            result.target_xy, max(result.session.config.within_pct, COVERAGE_PCT)
+        inside_coverage=session.model.policy.inside_coverage(
+            result.target_xy, max(session.config.within_pct, COVERAGE_PCT)
         ),
         casts=tuple(casts),
         motions=tuple(cast.proposal.trajectory for cast in casts if cast.proposal is not None),
@@ -595,7 +600,9 @@ def write_aim_report(
     """
     require("the report of aim", "matplotlib", "jinja2")
     folder, session = pathlib.Path(folder), result.session
-    every = _evaluation(result, rig)
+    if not isinstance(session, AimSession):
+        raise InputError("this report is of casts onto a table: write_strike_report is of strikes")
+    every = _evaluation(result, session, rig)
     tried = Tried(session=session, every=every, stops=result.stops, beyond=beyond)
     last = tried.last
     metrics = evaluation_metrics(last) | {

@@ -70,6 +70,9 @@ _REPORT_LEAD_MAX = 10.0
 _NEAR_DISTANCE = 0.3
 """Few endpoints lie nearer to the base than this [m]: tells millimetres from centimetres."""
 
+_HEIGHT_MAX = 10.0
+"""Largest height of a tip above or below the base frame [m]."""
+
 _METHODS = ("reset", "execute", "close")
 
 Answer = TypeVar("Answer")
@@ -381,8 +384,11 @@ def check_track(track: object, trajectory: Trajectory, setup: Setup) -> Endpoint
     # A simulation that broke, or a trial that was stopped, has no place to check.
     if track.status not in (TrialStatus.NON_FINITE, TrialStatus.ABORTED):
         _check_places(track, trajectory, setup)
-        _check_status(track, setup)
-        _check_rest(track, trajectory)
+        if setup.strike is not None:
+            _check_heights(track)
+        else:
+            _check_status(track, setup)
+            _check_rest(track, trajectory)
     if track.joint_path is not None:
         if not isinstance(track.joint_path, JointPath):
             kind = type(track.joint_path).__name__
@@ -496,6 +502,18 @@ def _check_status(track: EndpointTrack, setup: Setup) -> None:
             f"the rig's track has status OK, but ends at ({last[0]:.3f}, {last[1]:.3f}) m, off the "
             f"table: |x| <= {workspace.half_width:g} m and {workspace.y_min:g} <= y <= "
             f"{workspace.y_max:g} m"
+        )
+
+
+def _check_heights(track: EndpointTrack) -> None:
+    """Refuse a swing in the air without heights of the tip, or with impossible ones."""
+    if track.endpoint_z is None:
+        raise RigError("the rig's track of a swing has no endpoint_z, the height of the tip")
+    if np.any(np.abs(track.endpoint_z) > _HEIGHT_MAX):
+        high = float(np.nanmax(np.abs(track.endpoint_z)))
+        raise RigError(
+            f"the rig's track has a tip at a height of {high:g} m: at most {_HEIGHT_MAX:g} m, so "
+            "that it looks like another unit"
         )
 
 

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.cable import CableParams
+from cablecast.cable import Cable, CableParams
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.base import SETTLE_TIME, Engine, engine_settings
 from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import spread
-from cablecast.errors import InputError, check_number
+from cablecast.engines.swing import SAMPLE_DT, swing_model
+from cablecast.errors import InputError, RigError, check_number
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.joint_move import JointMove
 from cablecast.motion.trajectory import Trajectory
 from cablecast.rigs.base import RigLifecycle
 from cablecast.runs.workers import LOCAL
@@ -117,3 +119,48 @@ def status_of(endpoint_xy: NDArray[np.float64], workspace: Workspace) -> TrialSt
     if not workspace.on_table(LANDING.outcome(endpoint_xy)):
         return TrialStatus.OFF_TABLE
     return TrialStatus.OK
+
+
+class RigSwing(RigLifecycle):
+    """Swings a cable in the air in EngineWarp: without noise, by an arm that follows exactly.
+
+    Args:
+        setup: Set-up with a strike section.
+        cable: Cable that it has; that of the set-up if None.
+        segment_count: Segments of the cable.
+
+    Raises:
+        InputError: The set-up has no strike section.
+    """
+
+    def __init__(self, setup: Setup, cable: Cable | None = None, segment_count: int = 24):
+        super().__init__()
+        self.setup, self.cable = setup, cable or setup.cable
+        self.model = swing_model(setup, segment_count)
+        settings = setup.to_settings()
+        self.description: dict[str, Any] = {
+            "rig": "engine",
+            "cable": self.cable.to_dict(),
+            "segment_count": segment_count,
+            "strike": settings["strike"],
+            "arm": settings["arm"],
+        }
+
+    def execute(self, trajectory: Trajectory) -> EndpointTrack:
+        """Simulate one swing until its first contact."""
+        self._use_reset()
+        if not isinstance(trajectory.action, JointMove) or trajectory.joint_path is None:
+            raise RigError("this rig plays the swings of its lab file, and this motion is none")
+        motion = self.model.motion(self.model.moves.unit_of(trajectory.action))
+        swings = self.model.play(motion, self.cable, nodes=True)
+        (end,) = swings.contacts(np.array([0]))
+        nodes = np.asarray(swings.nodes, dtype=float)[0, : max(end, 1)]
+        good = bool(np.isfinite(nodes).all())
+        return EndpointTrack(
+            times=SAMPLE_DT * np.arange(len(nodes), dtype=float),
+            endpoint_xy=nodes[:, -1, :2],
+            endpoint_z=nodes[:, -1, 2],
+            status=TrialStatus.OK if good else TrialStatus.NON_FINITE,
+            nodes=nodes,
+            joint_path=trajectory.joint_path,
+        )

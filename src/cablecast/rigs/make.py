@@ -78,10 +78,18 @@ def _is_engine(spec: str) -> bool:
 def _make(spec: Any, setup: Setup, seed: int) -> Rig:
     """Return the rig itself, or what `CheckedRig` refuses as none."""
     laboratory = _LABORATORY.fullmatch(spec) if isinstance(spec, str) else None
+    if laboratory is not None and setup.strike is not None:
+        from cablecast.rigs.virtual.strike import RigStrike, StrikeLabConfig
+
+        return RigStrike(setup, seed, StrikeLabConfig(lab_seed=int(laboratory[1] or 0)))
     if laboratory is not None:
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
         return RigVirtual(setup, seed, VirtualConfig(lab_seed=int(laboratory[1] or 0)))
+    if isinstance(spec, str) and _is_engine(spec) and setup.strike is not None:
+        from cablecast.rigs.engine import RigSwing
+
+        return RigSwing(setup)
     if isinstance(spec, str) and _is_engine(spec):
         from cablecast.rigs.engine import RigEngine
 

@@ -12,6 +12,7 @@ TUNE_FOLDER = "tune"
 DATASET_FOLDER = "dataset"
 MODEL_FOLDER = "model"
 AIM_FOLDER = "aim"
+STRIKE_FOLDER = "strike"
 SELECT_FOLDER = "select"
 CHECK_FOLDER = "check"
 

@@ -37,6 +37,11 @@ SAME_OPTIMUM = 0.1
 """Distance in deviations within which two optima are one [-]."""
 MOST_DEVIATIONS = 2.5
 """Largest deviation of a number from what is believed of it [-]."""
+USUAL_IN_AIR = {"drag_coefficient": 1.0, "drag_ratio": 0.1, "damping_time": 0.03}
+"""Numbers of a cable in the air of which its file says nothing."""
+MEASURED_DEVIATIONS = (1.03, 1.2, 2.0, 3.0, 2.0)
+"""Deviations, see `TipBelief`, of a cable that was measured with a tape, attachment and knot
+included, weighed, and whose stiffness was guessed."""
 DIFFERENCE = 0.03
 """Step of a finite difference in deviations [-]."""
 DAMPINGS = np.array([0.03, 0.3, 3.0, 30.0])
@@ -55,6 +60,23 @@ class TipBelief:
 
     cable: Cable
     deviations: tuple[float, float, float, float, float]
+
+    @classmethod
+    def of(cls, cable: Cable) -> "TipBelief":
+        """Return what a person believes of a cable that was measured and weighed.
+
+        What its file leaves at zero, since no landing tells it, has a usual value.
+        """
+        params = cable.params
+        usual = {
+            name: value
+            for name, value in USUAL_IN_AIR.items()
+            if float(getattr(params, name)) == 0.0
+        }
+        return cls(
+            cable=dataclasses.replace(cable, params=dataclasses.replace(params, **usual)),
+            deviations=MEASURED_DEVIATIONS,
+        )
 
     def cables(self, points: Array) -> list[Cable]:
         """Return the cables at some points, shape [point, 5]."""

@@ -59,10 +59,12 @@ class ArmMotion:
     Attributes:
         poses: Pose of the gripped end: x, y, z [m], yaw, pitch [rad], shape [step + 1, 5].
         joint_path: Joints as the arm reported them; None for a motion without joints.
+        q: Joints as they really are [rad], shape [step + 1, joint]; None likewise.
     """
 
     poses: Array
     joint_path: JointPath | None
+    q: Array | None = None
 
 
 def move_arm(
@@ -105,7 +107,7 @@ def move_arm(
             followed = q, qd, arm.grip_pose(q) if jointed else q
         for row, q, qd, poses in zip(rows, *followed, strict=True):
             report = _report(q, qd, trajectories[row], trials[row], dt) if jointed else None
-            motions[row] = ArmMotion(poses=poses, joint_path=report)
+            motions[row] = ArmMotion(poses=poses, joint_path=report, q=q if jointed else None)
     return [motions[row] for row in range(len(trajectories))]
 
 
