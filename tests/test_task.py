@@ -9,7 +9,8 @@ import scipy.stats
 from cablecast.cable import load_cable
 from cablecast.conventions import mirror_xy
 from cablecast.errors import InputError, TargetError
-from cablecast.setup import Setup
+from cablecast.motion.joint_move import JointMoves, SwingPlane
+from cablecast.setup import Setup, StrikeConfig
 from cablecast.task import (
     LANDING,
     MISS_MEMORY,
@@ -316,9 +317,28 @@ def test_a_strike_has_no_outcome_without_a_goal():
     assert LANDING.outcome_at(PATH[:, :2], [9.0, 9.0]).tolist() == [5.0, 5.0]
 
 
-@pytest.mark.parametrize("goal", [[1.0, 2.0], "here", None])
+@pytest.mark.parametrize("goal", [[1.0], [1.0, 2.0, 3.0, 4.0], "here", None])
 def test_goals_of_a_strike_are_points_in_space(goal):
     with pytest.raises(InputError, match="target_xyz"):
         STRIKE.goals(SETUP, goal)
     with pytest.raises(TargetError, match="not finite"):
         STRIKE.goals(SETUP, [0.0, np.inf, 0.0])
+
+
+def test_goals_of_a_strike_are_given_by_distance_ahead_and_height():
+    setup = dataclasses.replace(SETUP, strike=StrikeConfig())
+    plane = SwingPlane.of(JointMoves.of(setup))
+    (goal,) = STRIKE.goals(setup, [1.2, 0.9])
+    np.testing.assert_allclose(goal.value[1:], [1.2, 0.9])
+    np.testing.assert_allclose(plane.coordinates(goal.value), [1.2, 0.9, 0.0], atol=1e-12)
+    # A base that is turned by a right angle swings along x.
+    turned = dataclasses.replace(
+        setup, strike=StrikeConfig(start_deg=(-90.0, *StrikeConfig().start_deg[1:]))
+    )
+    (goal,) = STRIKE.goals(turned, [1.2, 0.9])
+    assert abs(goal.value[0]) == pytest.approx(1.2)
+    with pytest.raises(InputError, match="no strike section"):
+        STRIKE.goals(SETUP, [1.2, 0.9])
+    crossed = dataclasses.replace(setup, strike=StrikeConfig(joints=("base", "elbow")))
+    with pytest.raises(InputError, match="not level and parallel"):
+        STRIKE.goals(crossed, [1.2, 0.9])

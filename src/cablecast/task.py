@@ -272,8 +272,8 @@ class Strike(Task):
         goals = np.atleast_2d(_numbers("target_xyz", value))
         if goals.ndim != 2 or goals.shape[1] not in (2, 3):
             raise InputError(
-                f"the target of a strike has shape {np.shape(value)}: it must be [3] or [target, 3]"
-                ", or with 2 in place of 3"
+                f"target_xyz has shape {np.shape(value)}: it must be [3] or [target, 3], or with 2 "
+                "in place of 3 for distances ahead and heights"
             )
         if goals.shape[1] == 2:
             goals = SwingPlane.of(JointMoves.of(setup)).points(goals)

@@ -64,11 +64,14 @@ def sight_clearance(points: Array, camera: ArrayLike, shape: ArmShape) -> Array:
     return np.min(gap - shape.radii, axis=-1)
 
 
-def find_collision(arm: Arm, robot: RobotConfig, q: Array) -> str | None:
+def find_collision(
+    arm: Arm, robot: RobotConfig, q: Array, floor: float | None = None
+) -> str | None:
     """Return the first thing that a path comes too close to, or None.
 
     The gripper is one capsule from the flange to the grip. It works at the table, so that only its
-    axis must stay above it. Joint angles [rad] have the shape [step, joint].
+    axis must stay above it. Without a table there is a floor at some height [m]. Joint angles [rad]
+    have the shape [step, joint].
     """
     parts = _parts(arm, q, robot.tool_radius)
     for name in list(parts)[STANDING:]:
@@ -76,9 +79,9 @@ def find_collision(arm: Arm, robot: RobotConfig, q: Array) -> str | None:
         bound = robot.clearance
         if name == "gripper":
             radius, bound = 0.0, 0.0
-        height = np.min(axis[:, :, 2], axis=1) - radius
+        height = np.min(axis[:, :, 2], axis=1) - radius - (floor or 0.0)
         if height.min() < bound:
-            return _too_close(name, "the table", height, bound)
+            return _too_close(name, "the table" if floor is None else "the floor", height, bound)
     for number, obstacle in enumerate(robot.obstacles):
         ends = np.array([obstacle.start, obstacle.end])
         for name, part in parts.items():

@@ -29,7 +29,7 @@ from cablecast.setup import Setup
 from cablecast.task import STRIKE
 from cablecast.tuning.tips import TipBelief
 
-CHECK_MOVES, CHECK_CABLES = 192, 6
+CHECK_MOVES, CHECK_CABLES = 256, 6
 """Moves and believed cables that a check simulates."""
 
 

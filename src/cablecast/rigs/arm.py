@@ -117,7 +117,7 @@ class RigArm(RigLifecycle):
         """Play one motion, wait until the cable lies still, and return what was seen."""
         self._use_reset()
         curve = curve_of(trajectory)
-        check_path(curve, self.setup, "this cast")
+        self._check(curve, "this cast")
         if self._rehearsed < REHEARSAL_COUNT:
             self.driver.ready()
             self._play("cablecast_rehearsal", curve.slowed(REHEARSAL_SLOWNESS), RigPhase.CAST)
@@ -129,7 +129,7 @@ class RigArm(RigLifecycle):
         try:
             record = self._play("cablecast_cast", curve, RigPhase.CAST)
             check_reports(record, curve)
-            timing, log = self._settle(record, curve)
+            timing, log = self._settle(record, curve, self._after(curve))
             self.driver.set_phase(RigPhase.READOUT)
         except CastAbortedError as aborted:
             self.camera.cancel()
@@ -183,11 +183,22 @@ class RigArm(RigLifecycle):
             self.driver.stop()
             raise
 
-    def _settle(self, record: MotionRecord, curve: JointCurve) -> tuple[TrialTiming, ControllerLog]:
-        """Wait until the cable has come to rest, and return when all of it took place."""
+    def _check(self, curve: JointCurve, what: str) -> None:
+        """Refuse a motion that must not be played; see `check_path`."""
+        check_path(curve, self.setup, what)
+
+    def _after(self, curve: JointCurve) -> float:
+        """Return the time from the end of a motion to that of its trial [s]."""
+        del curve
+        return self.robot.settle_time
+
+    def _settle(
+        self, record: MotionRecord, curve: JointCurve, after: float
+    ) -> tuple[TrialTiming, ControllerLog]:
+        """Wait for some time after a cast [s], and return when all of it took place."""
         driver = self.driver
         driver.set_phase(RigPhase.SETTLE)
-        end = record.start_time + curve.duration + self.robot.settle_time
+        end = record.start_time + curve.duration + after
         tail = record.start_time + curve.duration + _JOINT_TAIL
         self._wait(end - driver.latest().time)
         driver.check_standing()

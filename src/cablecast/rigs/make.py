@@ -94,6 +94,11 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
         from cablecast.rigs.engine import RigEngine
 
         return RigEngine(make_engine(spec.partition(":")[2] or "warp"), setup)
+    if isinstance(spec, str) and spec in DRIVERS and setup.strike is not None:
+        raise RigError(
+            f"--rig {spec} has no camera that sees the plane of a swing: give a rig of your own, "
+            "which returns RigSwingArm(setup, camera) with your camera (docs/strike.md)"
+        )
     if isinstance(spec, str) and spec in DRIVERS:
         from cablecast.rigs.arm import RigArm
 

@@ -130,13 +130,14 @@ def straight_move(start: Array, end: Array, speed: float) -> JointCurve:
     return JointCurve.fit(JointPath(times=times, q=q, qd=qd))
 
 
-def check_path(curve: JointCurve, setup: Setup, what: str) -> None:
+def check_path(curve: JointCurve, setup: Setup, what: str, floor: float | None = None) -> None:
     """Refuse a path that leaves limits or box, or comes too close to anything.
 
     Args:
         curve: The path as it is sent.
         setup: Arm with its limits, and the robot section with box, margins and obstacles.
         what: Name of the motion in the error.
+        floor: Height of the floor [m]; None where there is a table.
 
     Raises:
         JointLimitError: A limit, the box or a distance is violated; names the value and the bound.
@@ -178,5 +179,5 @@ def check_path(curve: JointCurve, setup: Setup, what: str) -> None:
                 f"{what}: the {name} at {places[tick].round(3).tolist()} m is outside the box from "
                 f"{low.tolist()} to {high.tolist()} m"
             )
-    if found := find_collision(setup.arm, robot, q):
+    if found := find_collision(setup.arm, robot, q, floor):
         raise JointLimitError(f"{what}: {found}")

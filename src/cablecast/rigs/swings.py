@@ -66,7 +66,7 @@ def check_swing(curve: JointCurve, setup: Setup, what: str) -> None:
             "a real arm swings a cable only in a box that a person has seen to be clear of people "
             "and things: set clear_low and clear_high in the strike section"
         )
-    check_path(curve, with_stick(setup), what)
+    check_path(curve, with_stick(setup), what, strike.floor)
     q = curve.evaluate(np.arange(0.0, curve.duration + _CHECK_DT, _CHECK_DT))
     low, high = envelope(setup, q)
     clear_low, clear_high = np.array(strike.clear_low), np.array(strike.clear_high)

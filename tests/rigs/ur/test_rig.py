@@ -102,9 +102,9 @@ def test_a_cast_after_which_the_arm_is_moved_is_no_data(stick, moves):
     rig.driver._link = MovingLink(curve.q[-1], moves=moves)
     if moves:
         with pytest.raises(CastAbortedError, match="while the cable came to rest"):
-            rig._settle(MotionRecord(0.0, []), curve)
+            rig._settle(MotionRecord(0.0, []), curve, 1.0)
     else:
-        assert rig._settle(MotionRecord(0.0, []), curve)[0].start_time == 0.0
+        assert rig._settle(MotionRecord(0.0, []), curve, 1.0)[0].start_time == 0.0
 
 
 @pytest.mark.usefixtures("busy_computer")

@@ -94,9 +94,11 @@ class TwinLimits:
     def _outside(self, q: NDArray[np.float64]) -> str | None:
         arm = self.setup.arm
         grip, flange = arm.grip_pose(q)[:3], arm.forward(q)[:3, 3]
+        strike = self.setup.strike
+        ground, floor = ("table", 0.0) if strike is None else ("floor", strike.floor)
         for name, place in (("the grip", grip), ("the flange", flange)):
-            if place[2] < 0.0:
-                return f"{name} would be {-place[2]:.3f} m below the table"
+            if place[2] < floor:
+                return f"{name} would be {floor - place[2]:.3f} m below the {ground}"
             robot = self.setup.robot
             if robot is None:
                 continue
