@@ -59,7 +59,8 @@ def aim_strike(options: Any, setup: "Setup") -> int:
         with console_progress() as progress:
             session = prepare_strike(rig, config, out=out, progress=progress)
         known = len(session.casts)
-        print(f"{known} swings of {setup.cable.name} are known" if known else "no swing is known")
+        swings = "1 swing" if known == 1 else f"{known or 'no'} swings"
+        print(f"{swings} of {setup.cable.name} {'is' if known == 1 else 'are'} known")
         print(envelope_text(session))
         beyond = []
         for goal in session.goals(places):

@@ -39,8 +39,8 @@ def prepare_strike(
     config: AimConfig | None = None,
     *,
     out: str | os.PathLike[str] | None = None,
-    move_count: int = MOVE_COUNT,
-    cable_count: int = CABLE_COUNT,
+    move_count: int | None = None,
+    cable_count: int | None = None,
     progress: ProgressCallback = show,
 ) -> StrikeSession:
     """Simulate swings of cables that this one may be, and open a session of strikes.
@@ -52,8 +52,8 @@ def prepare_strike(
         rig: Rig that `make_rig` returned for a set-up with a strike section.
         config: Settings; `tries`, `within_pct` and `seed` are used.
         out: Folder that keeps everything and lets stopped work go on; none if None.
-        move_count: Moves that are simulated.
-        cable_count: Cables that are simulated.
+        move_count: Moves that are simulated; `MOVE_COUNT` if None.
+        cable_count: Cables that are simulated; `CABLE_COUNT` if None.
         progress: Told how far each step is.
 
     Raises:
@@ -64,7 +64,8 @@ def prepare_strike(
     if folder is not None:
         check_folder(folder)
         keep_rig(folder, rig)
-    prior = _prior(rig.setup, folder, config.seed, move_count, cable_count, progress)
+    counts = move_count or MOVE_COUNT, cable_count or CABLE_COUNT
+    prior = _prior(rig.setup, folder, config.seed, *counts, progress)
     session_folder = None if folder is None else folder / SESSION_FOLDER
     return StrikeSession(rig.setup, prior, out=session_folder, config=config)
 
