@@ -38,6 +38,7 @@ PAGES = (
             "tutorial-1-aim",
             "lab",
             "aim",
+            "strike",
             "view",
             "tuning",
             "learning",

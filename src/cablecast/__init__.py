@@ -30,13 +30,14 @@ if TYPE_CHECKING:
     from cablecast.pipeline.reproduce import reproduce
     from cablecast.pipeline.select import select
     from cablecast.pipeline.simulate import simulate
+    from cablecast.pipeline.strike import check_strike, prepare_strike
     from cablecast.pipeline.track_video import track_video
     from cablecast.pipeline.train import train
     from cablecast.pipeline.tune import tune
     from cablecast.rigs.base import Rig, RigLifecycle
     from cablecast.rigs.make import make_rig
     from cablecast.runs.progress import Progress, ignore
-    from cablecast.setup import MotionConfig, Setup, load_setup, save_setup
+    from cablecast.setup import MotionConfig, Setup, StrikeConfig, load_setup, save_setup
     from cablecast.tuning.fit import FitConfig
     from cablecast.tuning.tune import TuneConfig
     from cablecast.tuning.tuned import Tuned, load_tuned
@@ -67,13 +68,14 @@ _HOMES = {
     "cablecast.pipeline.reproduce": ("reproduce",),
     "cablecast.pipeline.select": ("select",),
     "cablecast.pipeline.simulate": ("simulate",),
+    "cablecast.pipeline.strike": ("check_strike", "prepare_strike"),
     "cablecast.pipeline.track_video": ("track_video",),
     "cablecast.pipeline.train": ("train",),
     "cablecast.pipeline.tune": ("tune",),
     "cablecast.rigs.base": ("Rig", "RigLifecycle"),
     "cablecast.rigs.make": ("make_rig",),
     "cablecast.runs.progress": ("Progress", "ignore"),
-    "cablecast.setup": ("MotionConfig", "Setup", "load_setup", "save_setup"),
+    "cablecast.setup": ("MotionConfig", "Setup", "StrikeConfig", "load_setup", "save_setup"),
     "cablecast.tuning.fit": ("FitConfig",),
     "cablecast.tuning.tune": ("TuneConfig",),
     "cablecast.tuning.tuned": ("Tuned", "load_tuned"),
@@ -104,6 +106,7 @@ __all__ = [
     "Rig",
     "RigLifecycle",
     "Setup",
+    "StrikeConfig",
     "Trajectory",
     "TrialStatus",
     "TuneConfig",
@@ -112,6 +115,7 @@ __all__ = [
     "__version__",
     "aim",
     "check",
+    "check_strike",
     "collect",
     "evaluate",
     "ignore",
@@ -123,6 +127,7 @@ __all__ = [
     "plan_motion",
     "plan_trajectory",
     "prepare_aim",
+    "prepare_strike",
     "read_dataset",
     "repeat",
     "reproduce",
