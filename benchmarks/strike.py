@@ -66,7 +66,7 @@ class Args:
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     targets: int = 33
     tries: int = 4
-    repeats: int = 5
+    repeats: int = 3
     lab: int = 0
     seed: int = 0
     workers: int = 2
@@ -155,13 +155,19 @@ def _strike_goal(session: Any, rig: Any, goal: Any, args: Args, number: int) -> 
     casts = session.casts_at(goal.value)
     length = session.setup.cable.length
     proposals = [cast.proposal for cast in casts]
+    floors: list[float] = []
+    for k, cast in enumerate(casts):
+        first = (number * args.tries + k) * args.repeats
+        earlier = [one.action for one in casts[:k]]
+        if cast.action in earlier:
+            # A move that was made again has the floor that it had.
+            floors.append(floors[earlier.index(cast.action)])
+        else:
+            floors.append(floor(rig, cast, goal.value, first, args.repeats))
     return {
         "seen": [cast.miss_pct * length / 100.0 for cast in casts],
         "true": [truth(cast, goal.value) for cast in casts],
-        "floor": [
-            floor(rig, cast, goal.value, (number * args.tries + k) * args.repeats, args.repeats)
-            for k, cast in enumerate(casts)
-        ],
+        "floor": floors,
         "inside": [
             bool(p.expected.holds(c.outcome, 0.9)) for p, c in zip(proposals, casts, strict=True)
         ],
