@@ -178,7 +178,7 @@ class Aim(AimConfig, _Targets):
                 on_proposal=lambda proposal: print_proposal(proposal, session),
                 on_cast=lambda cast: print_cast(cast, session),
                 on_stop=print_stop,
-                on_refit=refit_and_say,
+                on_refit=lambda _, due: refit_and_say(session, due),
                 progress=ignore,
             )
             made = any(result.casts)

@@ -10,7 +10,7 @@ from cablecast.errors import RigError
 from cablecast.motion.joint_move import JointMoves
 from cablecast.rigs.arm import APPROACH_SPEED, RigArm
 from cablecast.rigs.driver import RigPhase
-from cablecast.rigs.path import JointCurve, joint_move
+from cablecast.rigs.path import JointCurve, straight_move
 from cablecast.rigs.swings import check_swing
 from cablecast.setup import Setup
 from cablecast.vision.trials import TrialTiming
@@ -90,7 +90,7 @@ class RigSwingArm(RigArm):
         self.driver.ready()
         self.camera.check(self.driver.latest().time)
         start = np.array(self.moves.start)
-        way = joint_move(self._at_rest(), start, APPROACH_SPEED)
+        way = straight_move(self._at_rest(), start, APPROACH_SPEED)
         self._check(way, "the way to the start")
         self._play("cablecast_approach", way, RigPhase.RESET)
         self._wait_until_still()
