@@ -31,7 +31,7 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.motion.polar import PullReach
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.setup import Setup
+from cablecast.setup import MotionConfig, Setup
 from cablecast.task import LANDING
 from cablecast.tuning.tuned import Tuned
 
@@ -304,7 +304,9 @@ def _simulated(setup: Setup, members: tuple[Dynamics, ...], seed: int) -> LabChe
     )
     slow, _ = _draw(setup, _CALM_COUNT, seed, _CALM_PACES)
     calm, _ = _landings(setup, _tracks(setup, members[:1], slow)[0])
-    calm = np.concatenate([calm[np.isfinite(calm).all(axis=1)], _polar_landings(setup)])
+    # The motion settings are those of sweeps: changes of them find these again.
+    polar = _polar_landings(dataclasses.replace(setup, motion=MotionConfig()))
+    calm = np.concatenate([calm[np.isfinite(calm).all(axis=1)], polar])
     return LabCheck(
         setup=setup,
         landing_xy=np.array([np.concatenate([one, calm]) for one in landed]),
@@ -315,6 +317,7 @@ def _simulated(setup: Setup, members: tuple[Dynamics, ...], seed: int) -> LabChe
     )
 
 
+@functools.lru_cache(maxsize=64)
 def _polar_landings(setup: Setup) -> Array:
     """Return where polar casts end that the arm can follow, of a straight cable [m], [cast, 2]."""
     try:

@@ -57,7 +57,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
     def press_nodes(model: Model, state: State, scratch: Scratch, group: int):
         """Find the normal impulses that keep nodes above the table, and those on segments.
 
-        A gap may close within the step; a penetration is undone over several steps.
+        A gap may close within the step; a penetration is taken back over several steps.
 
         Args:
             state: Positions at the start of the step.
