@@ -1,5 +1,7 @@
 """Order and fixtures of all tests."""
 
+import dataclasses
+import functools
 import inspect
 import os
 import signal
@@ -60,6 +62,18 @@ def make_engines_coarse():
 def coarse_engine(make_engines_coarse, monkeypatch):
     """Let engines simulate a coarse cable where they are not told otherwise."""
     make_engines_coarse(monkeypatch)
+
+
+@pytest.fixture
+def brief_adaptation(monkeypatch):
+    """Let networks take ten passes over real casts instead of hundreds."""
+    pytest.importorskip("torch")
+    from cablecast.learning.network import FINE_TUNING, REAL_ONLY, fine_tune, train_on_real
+
+    for function, config in ((train_on_real, REAL_ONLY), (fine_tune, FINE_TUNING)):
+        brief = dataclasses.replace(config, epochs=10, patience=10)
+        name = f"cablecast.pipeline.train.{function.__name__}"
+        monkeypatch.setattr(name, functools.partial(function, config=brief))
 
 
 @pytest.fixture(scope="session")

@@ -89,7 +89,7 @@ def run_example(name, out):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("coarse_engine")
+@pytest.mark.usefixtures("coarse_engine", "brief_adaptation")
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_runs_to_its_end(name, tmp_path):
     if name == LEARNER:

@@ -15,6 +15,12 @@ TINY = (
     "import cablecast as cc\n"
     "build = cc.EngineWarp.__init__\n"
     "build.__defaults__ = (10, 2e-3, *build.__defaults__[2:])\n"
+    # Ten passes over real casts.
+    "import dataclasses, functools\n"
+    "from cablecast.learning.network import FINE_TUNING\n"
+    "from cablecast.pipeline import train as training\n"
+    "brief = dataclasses.replace(FINE_TUNING, epochs=10, patience=10)\n"
+    "training.fine_tune = functools.partial(training.fine_tune, config=brief)\n"
 )
 FEW = "cc.TuneConfig(population_size=6, "
 

@@ -6,7 +6,6 @@ import json
 
 import pytest
 
-from cablecast.learning.network import FINE_TUNING, REAL_ONLY, fine_tune, train_on_real
 from cablecast.pipeline.reproduce import METHODS, Budget, Reproduced, reproduce
 from cablecast.tuning.tune import TuneConfig
 from cablecast.workspace import load_targets
@@ -34,7 +33,7 @@ FEW_TARGETS = 4
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("coarse_engine")
+@pytest.mark.usefixtures("coarse_engine", "brief_adaptation")
 def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_path, monkeypatch):
     few = load_targets()[:: 32 // FEW_TARGETS]
     monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
@@ -43,10 +42,6 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
     monkeypatch.setattr("cablecast.pipeline.reproduce.TuneConfig", search)
     # The pages of the single evaluations are made, but their figures are not rendered.
     monkeypatch.setattr("cablecast.report.page.svg_uri", lambda figure: "data:,")
-    for function, config in ((train_on_real, REAL_ONLY), (fine_tune, FINE_TUNING)):
-        brief = dataclasses.replace(config, epochs=10, patience=10)
-        name = f"cablecast.pipeline.train.{function.__name__}"
-        monkeypatch.setattr(name, functools.partial(function, config=brief))
     begun = []
 
     def stop(report):
