@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.tags import FAMILY
-from cablecast.vision.tags import cells_of, detect_tags, load_cv2, tag_picture
+from cablecast.vision.tags import detect_tags, load_cv2, tag_cells, tag_picture
 
 PICTURES = pathlib.Path(__file__).parents[1] / "tests/vision/pictures"
 SIZES = (20, 30, 45, 70, 110)
@@ -111,7 +111,7 @@ def end_tags(size: float) -> tuple[list[float], float]:
     cv2, found, errors = load_cv2(), np.zeros(len(BLURS)), []
     pictures = [drawn_picture(size, seed, END_FAMILY) for seed in range(40)]
     for k, cells in enumerate(BLURS):
-        way = cells * size / cells_of(END_FAMILY)
+        way = cells * size / tag_cells(END_FAMILY)
         for seed, (image, truth) in enumerate(pictures):
             turn = np.random.default_rng(seed).uniform(0.0, np.pi)
             steps = np.linspace(-0.5, 0.5, 9)[:, None] * way * [np.cos(turn), np.sin(turn)]

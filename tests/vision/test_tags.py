@@ -13,7 +13,7 @@ from cablecast.camera.lens import CameraView, Lens
 from cablecast.camera.tags import TAG_COUNTS, default_layout, tag_family
 from cablecast.errors import InputError
 from cablecast.vision.calibration import calibrate_view
-from cablecast.vision.tags import cells_of, detect_tags, family_seen, load_cv2, tag_picture
+from cablecast.vision.tags import detect_tags, family_seen, load_cv2, tag_cells, tag_picture
 
 # Corners against those of the AprilTag library: half a pixel is asked for, 0.1 px was measured.
 LIBRARY_MEDIAN = 0.2
@@ -99,7 +99,7 @@ def test_the_families_are_those_of_opencv():
     for family, count in TAG_COUNTS.items():
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{family}"))
         assert len(dictionary.bytesList) == count
-        assert cells_of(family) == dictionary.markerSize + 2
+        assert tag_cells(family) == dictionary.markerSize + 2
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ from cablecast.tuning.tuned import Tuned
 PICTURE_FILE = "check.png"
 """Picture of the places that casts reach."""
 
-NEAR = 0.08
+REACH_GAP = 0.08
 """A place counts as reached if one of 400 simulated casts comes to rest within this distance [m].
 Between these casts there are others: of three tables they mark 55, 58 and 66 %, where 3,000 casts
 mark 53, 53 and 65 % within 3 cm."""
@@ -127,12 +127,12 @@ class LabCheck:
 
     def chance(self, xy: ArrayLike) -> Array:
         """Return the share of the believed cables whose casts reach places [m], shape [..., 2]."""
-        return np.mean([_distance(xy, landed) <= NEAR for landed in self.landing_xy], axis=0)
+        return np.mean([_distance(xy, landed) <= REACH_GAP for landed in self.landing_xy], axis=0)
 
     def is_out_of_reach(self, xy: ArrayLike) -> bool:
         """Return whether a place [m], shape [2], is beyond what any believed cable can reach."""
         gap = _distance(xy, self.landing_xy.reshape(-1, 2))
-        return bool(gap > NEAR + DOUBT_SHARE * self.setup.cable.length)
+        return bool(gap > REACH_GAP + DOUBT_SHARE * self.setup.cable.length)
 
     def words_at(self, xy: ArrayLike) -> str:
         """Return whether casts reach a place [m], shape [2], in words, and the nearest landing."""
@@ -148,7 +148,7 @@ class LabCheck:
 
     def is_calm(self, xy: ArrayLike) -> bool:
         """Return whether a slow cast or a polar one lands at a place [m], shape [2]."""
-        return bool(_distance(xy, self.calm_xy) <= NEAR)
+        return bool(_distance(xy, self.calm_xy) <= REACH_GAP)
 
     def wild_words_at(self, xy: ArrayLike) -> str:
         """Return what to expect at a place [m], shape [2], that no calm cast reaches."""
@@ -166,7 +166,7 @@ class LabCheck:
     @functools.cached_property
     def shares(self) -> Array:
         """Share of the table that the casts of each believed cable reach [-], shape [cable]."""
-        reached = [_distance(self.places, landed) <= NEAR for landed in self.landing_xy]
+        reached = [_distance(self.places, landed) <= REACH_GAP for landed in self.landing_xy]
         return np.mean(reached, axis=1)
 
     @property
@@ -182,9 +182,9 @@ class LabCheck:
     def limits(self) -> tuple[str, ...]:
         """What keeps casts of the most likely cable from the rest of the table, by its share."""
         workspace, cable = self.setup.workspace, self.setup.cable
-        left = _distance(self.places, self.landing_xy[0]) > NEAR
+        left = _distance(self.places, self.landing_xy[0]) > REACH_GAP
         far = np.linalg.norm(self.places, axis=1) > workspace.reach(cable.length)
-        edge = ~far & (_distance(self.places, self.leaving_xy) <= NEAR)
+        edge = ~far & (_distance(self.places, self.leaving_xy) <= REACH_GAP)
         words = (
             (far, f"is beyond arm and cable, {workspace.reach(cable.length):.2f} m from the base"),
             (edge, f"is where only casts end that pass the table's {self._passed_edge()} edge"),

@@ -32,7 +32,7 @@ from cablecast.task import LANDING
 from cablecast.workspace import load_targets
 
 TRIALS_FILE = "trials.csv"
-LANDINGS_FILE = "landings.png"
+MAP_FILE = "landings.png"
 REPORT_FILE = "report.html"
 CASTS_FOLDER = "casts"
 
@@ -164,6 +164,6 @@ def _write_files(run: RunFolder, evaluation: Evaluation, policy: Policy) -> None
     if isinstance(policy, ForwardSearchPolicy):
         simulated_xy, info = policy.predicted_xy, policy.model.info
     figure = landing_map(evaluation, simulated_xy)
-    write_bytes(run.path / LANDINGS_FILE, png_bytes(figure))
+    write_bytes(run.path / MAP_FILE, png_bytes(figure))
     page = report_page(evaluation, info, run.config, simulated_xy=simulated_xy)
     write_text(run.path / REPORT_FILE, page)

@@ -29,13 +29,13 @@ def to_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def tag_picture(tag_id: int, cell: int = 40, family: str = FAMILY) -> NDArray[np.uint8]:
-    """Draw a tag with its white rim of one cell [px]; its black square has `cells_of` cells."""
+    """Draw a tag with its white rim of one cell [px]; its black square has `tag_cells` cells."""
     cv2 = load_cv2()
-    square = cv2.aruco.generateImageMarker(dictionary_of(family), tag_id, cells_of(family) * cell)
+    square = cv2.aruco.generateImageMarker(dictionary_of(family), tag_id, tag_cells(family) * cell)
     return np.pad(square, cell, constant_values=255)
 
 
-def cells_of(family: str) -> int:
+def tag_cells(family: str) -> int:
     """Return the number of cells along a side of a family's black square."""
     return dictionary_of(family).markerSize + 2
 
@@ -57,7 +57,7 @@ def detect_tags(image: NDArray[np.uint8], family: str = FAMILY) -> dict[int, NDA
     if ids is None:
         return {}
     numbers = ids.ravel().tolist()
-    quads = _fit_edges(grey, np.reshape(corners, (-1, 4, 2)), cells_of(family))
+    quads = _fit_edges(grey, np.reshape(corners, (-1, 4, 2)), tag_cells(family))
     # A tag that is seen twice has no single place.
     return {
         tag_id: quad

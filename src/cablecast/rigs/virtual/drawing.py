@@ -24,7 +24,7 @@ from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.config import CameraConfig, clutter_place
 from cablecast.setup import Setup
-from cablecast.vision.tags import cells_of, load_cv2, tag_picture
+from cablecast.vision.tags import load_cv2, tag_cells, tag_picture
 from cablecast.vision.tracker import MarkerConfig
 from cablecast.workspace import Workspace
 
@@ -203,7 +203,7 @@ def _paste_tag(texture: Image, origin: tuple[float, float], tag: Tag, family: st
     cell = 12
     picture = tag_picture(tag.id, cell, family)
     # Within a white rim of one cell. A square's side lies half a pixel beside its pixels' centres.
-    near, far = cell - 0.5, (cells_of(family) + 1) * cell - 0.5
+    near, far = cell - 0.5, (tag_cells(family) + 1) * cell - 0.5
     source = np.array([[near, near], [far, near], [far, far], [near, far]])
     corners = tag.corners[:, :2]
     place = np.stack([corners[:, 0] - origin[0], origin[1] - corners[:, 1]], axis=1) / _TEXEL
