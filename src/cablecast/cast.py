@@ -59,7 +59,7 @@ class TrialStatus(enum.Enum):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ControllerLog:
-    """Reports of an arm's controller during one trial, beside the measured joints.
+    """Reports of an arm's controller during one trial, besides the measured joints.
 
     There is one report for each time of the track's `joint_path`.
 
@@ -188,7 +188,7 @@ def _path_to_edge(path: NDArray[np.float64], table: Workspace) -> NDArray[np.flo
 
 
 HIT_CHANCE_MIN = 0.05
-"""Chance to hit below which a cast is hardly worth making [-]."""
+"""Chance to hit below which a cast is not worth making [-]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -234,11 +234,6 @@ class Proposal:
     def expected_miss(self) -> float:
         """Distance of the expected outcome from the goal [cable lengths]."""
         return float(self.goal.miss(self.expected.mean))
-
-    @property
-    def expects_hit(self) -> bool:
-        """Whether a hit is to be expected at all."""
-        return self.inside_coverage and self.hit_chance >= HIT_CHANCE_MIN
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -319,7 +319,7 @@ class Arrival:
     """How a tip is to arrive at the goal of a strike: in a direction, and fast enough.
 
     Called with a path of the tip [m], shape [step, 3], it returns what is missing as a distance
-    [m], which counts beside the miss.
+    [m], which is added to the miss.
 
     Attributes:
         goal: Goal [m], shape [3].
@@ -495,7 +495,7 @@ class Expectation:
         mean: Expected outcome, shape [k].
         covariance: Covariance about it before any miss, in the squared units of the outcome, shape
             [k, k].
-        law: Law of the outcome, with the factor on the covariance that earlier misses taught.
+        law: Law of the outcome, with the factor on the covariance from earlier misses.
         scatter: Standard deviation of equal casts along each axis, a part of it [m].
         failure: Probability that the cast has no outcome: off the table, or hidden [-].
     """

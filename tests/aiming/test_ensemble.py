@@ -19,7 +19,7 @@ from cablecast.tuning.landings import (
     FACTORS,
     OWN_MISS,
     SPREAD_FACTOR,
-    USUAL_DISTANCES,
+    TYPICAL_DISTANCES,
     LandingEstimate,
     estimate_landings,
     miss_factor,
@@ -131,7 +131,7 @@ def test_expected_landing_and_spread():
 
 
 def test_simulators_are_trusted_as_they_follow_their_own_casts():
-    low, high = USUAL_DISTANCES
+    low, high = TYPICAL_DISTANCES
     assert miss_factor(low, 5) == miss_factor(high, 5) == 1.0
     assert miss_factor(1.5 * high, 5) == pytest.approx(2.25)
     assert miss_factor(0.5 * low, 5) == pytest.approx(0.25)

@@ -28,7 +28,7 @@ def test_it_is_smooth_though_its_values_are_not(size):
 
 
 def test_far_outside_it_stays_within_the_values(size):
-    logs = np.log(size.values / size.usual)
+    logs = np.log(size.values / size.typical)
     far = size.log_sizes(np.array([[0.6, 50.0], [-90.0, 0.0]]))
     assert np.all(far >= logs.min())
     assert np.all(far <= logs.max())

@@ -47,7 +47,7 @@ def quick(blank_figures, monkeypatch):
     monkeypatch.setattr("cablecast.aiming.propose._SIMULATED_COUNT", 8)
     monkeypatch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
     monkeypatch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 30)
-    monkeypatch.setattr("cablecast.aiming.session.USUAL_DISTANCES", (0.012, 1.0))
+    monkeypatch.setattr("cablecast.aiming.session.TYPICAL_DISTANCES", (0.012, 1.0))
 
 
 def prepare(rig, *, out=None, progress=ignore, fit_all=False, casts=None, tuned=None, **changes):
@@ -116,7 +116,7 @@ def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig,
 
 
 def test_a_fit_that_follows_its_casts_badly_asks_for_as_many_again(rig, tmp_path, monkeypatch):
-    monkeypatch.setattr("cablecast.aiming.session.USUAL_DISTANCES", (0.0, 1e-6))
+    monkeypatch.setattr("cablecast.aiming.session.TYPICAL_DISTANCES", (0.0, 1e-6))
     assert prepare(rig, refit=False).fitted_count == 3
     tasks = []
     session = prepare(rig, out=tmp_path, progress=lambda state: tasks.append(state.task))

@@ -5,7 +5,7 @@ table, so that equal casts end within some thousandths of its length, and all er
 by as much as the cable is curled, the less the longer the pull, and short by as much as it is not
 laid out straight. What the simulator does not have of this is modelled as a Gaussian process with a
 Matern 3/2 kernel over the cast's parameters, for the error along the cable and across it. So one
-cast teaches most of all others, and the next is aimed as far the other way.
+cast corrects most of the others, and the next is aimed as far the other way.
 """
 
 import contextlib
@@ -46,7 +46,7 @@ LAID_OUT = 0.08
 
 SCATTER = 0.008
 """Standard deviation of equal polar casts along each axis [cable lengths]: 0.1 to 0.6 % there, and
-up to 3 % where the gripper comes down straight ahead and hardly pulls."""
+up to 3 % where the gripper comes down straight ahead and barely pulls."""
 
 # Steps of the aim point towards the one that is expected on the target, and the distance from it
 # at which they end [m].
@@ -196,13 +196,13 @@ class PolarLandings:
         return np.stack([along, np.array([along[1], -along[0]])])
 
     def _sizes(self, cast: PolarCast) -> _Array:
-        """Return the usual size of the error on these axes [cable lengths], shape [2]."""
+        """Return the typical size of the error on these axes [cable lengths], shape [2]."""
         decay = np.exp(-self.reach.way(cast) / self.setup.cable.length)
         return AMPLITUDES * np.array([1.0, decay])
 
     @functools.cached_property
     def _scale(self) -> float:
-        """Size of the errors over the usual one [-]: a swing may not lay out a light cable."""
+        """Size of the errors over the typical one [-]: a swing may not lay out a light cable."""
         squares = np.sum(self._errors**2)
         return float(np.sqrt((_BELIEVED + squares) / (_BELIEVED + self._errors.size)))
 

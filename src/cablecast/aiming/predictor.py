@@ -28,17 +28,17 @@ from cablecast.motion.polar import PolarCast
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
 
-USUAL_FRICTION, DELICATE = 1.7, 0.065
+TYPICAL_FRICTION, DELICATE = 1.7, 0.065
 """Shift of the landing per relative change of the friction [cable lengths], where 1 degree, 1 cm
 and 1 % of the pace together shift it by so many cable lengths. It grows with the square of that."""
 
 SPREAD_COUNT = 240
-"""Simulated casts that tell how far apart the simulators of an ensemble usually land."""
+"""Simulated casts by which to judge how far apart the simulators of an ensemble typically land."""
 _SPREAD_SEED = 7
 
 # Casts that a predictor for one target is conditioned on at most.
 _NEAR_COUNT = 20
-# Shares of a usual cast's variance that go with the action and with the friction.
+# Shares of a typical cast's variance that go with the action and with the friction.
 _ACTION_SHARE, _FRICTION_SHARE = 0.1, 0.9
 _SCATTER_MIN = 1e-6
 # Candidates of the policy that tell the local size.
@@ -56,14 +56,14 @@ class Candidates(ArrayRows):
     Attributes:
         actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [action, 5].
         side: +1 right, -1 left, shape [action].
-        shifts: From the landing that the policy's network says to that in the best simulator, 0
-            where there is no ensemble [cable lengths], shape [action, k], or [action, 1] then.
-        leaving: Chance that the free end passes an edge of the table, 0 where there is no ensemble
-            [-], shape [action].
-        log_sizes: Logarithm of the size of a miss over the usual one, NaN where there is no
+        shifts: Landing in the best simulator minus that of the network [cable lengths], shape
+            [action, k]; 0 without an ensemble, shape [action, 1].
+        leaving: Chance that the free end passes an edge of the table, 0 without an ensemble [-],
+            shape [action].
+        log_sizes: Logarithm of the size of a miss over the typical one, NaN without an
             ensemble, shape [action].
-        frictions: Shift of the landing per relative change of the friction, estimated from the
-            sensitivity to the action where there is no ensemble [cable lengths], shape [action].
+        frictions: Shift of the landing per relative change of the friction [cable lengths], shape
+            [action]; without an ensemble, estimated from the sensitivity to the action.
     """
 
     actions: _Array
@@ -77,7 +77,7 @@ class Candidates(ArrayRows):
     def unsimulated(cls, actions: _Array, side: _Array, sensitivity: _Array) -> "Candidates":
         """Return candidates that no ensemble has simulated.
 
-        `sensitivity` is that to the action over the usual one [-], shape [action].
+        `sensitivity` is that to the action over the typical one [-], shape [action].
         """
         return cls(
             actions=actions,
@@ -85,11 +85,11 @@ class Candidates(ArrayRows):
             shifts=np.zeros((len(actions), 1)),
             leaving=np.zeros(len(actions)),
             log_sizes=np.full(len(actions), np.nan),
-            frictions=USUAL_FRICTION * sensitivity**2,
+            frictions=TYPICAL_FRICTION * sensitivity**2,
         )
 
     def at(self, actions: _Array) -> "Candidates":
-        """Return actions near these, of which the same is taken to be true."""
+        """Return actions near these, with the same estimates."""
         return dataclasses.replace(self, actions=actions)
 
     def towards(self, others: "Candidates", part: float) -> "Candidates":
@@ -104,18 +104,18 @@ class Candidates(ArrayRows):
 
 
 def log_scatters(sensitivities: _Array, frictions: _Array) -> _Array:
-    """Return the logarithm of the scatter of equal casts over that of a usual one, shape [action].
+    """Return the logarithm of the scatter of equal casts over a typical cast's, shape [action].
 
     Small differences from cast to cast move a landing as a change of the action does, and as a
     change of the friction does: a cable that slides far, or that just tips over, is moved by
     either. docs/aim-results.md has how well the two rank the scatter of casts.
 
     Args:
-        sensitivities: Sensitivity to the action over the usual one [-], shape [action].
+        sensitivities: Sensitivity to the action over the typical one [-], shape [action].
         frictions: Shift per relative change of the friction [cable lengths], shape [action].
     """
     action = _ACTION_SHARE * sensitivities**2
-    friction = _FRICTION_SHARE * (frictions / USUAL_FRICTION) ** 2
+    friction = _FRICTION_SHARE * (frictions / TYPICAL_FRICTION) ** 2
     return np.log(np.maximum(np.sqrt(action + friction), _SCATTER_MIN))
 
 
@@ -130,7 +130,7 @@ class Beliefs:
         fitted_to: Casts that the simulator was fitted to: their number, if they are the first ones
             of the session; the fingerprint of their dataset, empty if it is unknown; None before
             any cast.
-        spread_count: Simulated casts that tell how far apart the simulators typically land.
+        spread_count: Simulated casts by which to judge how far apart the simulators typically land.
 
     Raises:
         InputError: The policy has learned from real casts.
@@ -183,7 +183,7 @@ class Beliefs:
         smaller = min(1.0, self.ensemble.factor)
         return dataclasses.replace(
             prior,
-            amplitude=self.size.usual,
+            amplitude=self.size.typical,
             noise=np.sqrt(smaller) * prior.noise,
             friction=smaller * prior.friction,
         )
@@ -204,13 +204,13 @@ class Beliefs:
         return deviations(self.policy.actions)
 
     @property
-    def usual_sensitivity(self) -> float:
-        """Sensitivity of a usual landing to these changes [m]."""
+    def typical_sensitivity(self) -> float:
+        """Sensitivity of a typical landing to these changes [m]."""
         return DELICATE * self.length
 
     def sensitivities(self, actions: _Array) -> _Array:
-        """Return sensitivities of the landing to actions to the right over the usual, [action]."""
-        return self.model.sensitivity(actions, self.changes) / self.usual_sensitivity
+        """Return sensitivities to actions to the right over the typical one, shape [action]."""
+        return self.model.sensitivity(actions, self.changes) / self.typical_sensitivity
 
     def simulated_xy(self, candidates: Candidates) -> _Array:
         """Return the simulated landings of candidates to the right [m], shape [action, k]."""
@@ -220,11 +220,11 @@ class Beliefs:
         """Return the places of candidates for the residuals of real casts.
 
         The ensemble may trust one of two actions more that land at one place. The size is the
-        geometric mean of its own and the usual one there, because the action that it trusts most
+        geometric mean of its own and the typical one there, because the action that it trusts most
         of many is trusted too much (docs/aim.md). `simulated_xy` are landings to the right [m].
         """
-        usual = self.size.log_sizes(simulated_xy)
-        own = np.where(np.isnan(candidates.log_sizes), usual, candidates.log_sizes)
+        typical = self.size.log_sizes(simulated_xy)
+        own = np.where(np.isnan(candidates.log_sizes), typical, candidates.log_sizes)
         inputs = np.hstack(
             [
                 self.model.normalize(candidates.actions).astype(float),
@@ -234,7 +234,7 @@ class Beliefs:
         )
         return Places(
             inputs=inputs,
-            log_sizes=0.5 * (usual + own),
+            log_sizes=0.5 * (typical + own),
             log_scatters=log_scatters(sensitivity, candidates.frictions),
             frictions=candidates.frictions,
         )
@@ -243,7 +243,7 @@ class Beliefs:
     def policy_candidates(self) -> tuple[Candidates, _Array, Places]:
         """The policy's candidates, their simulated landings to the right [m], and their places."""
         actions, side = mirror_to_right(self.policy.actions)
-        sensitivity = self.policy.sensitivity / self.usual_sensitivity
+        sensitivity = self.policy.sensitivity / self.typical_sensitivity
         candidates = Candidates.unsimulated(actions, side, sensitivity)
         simulated_xy = self.model.task.mirrored(self.policy.predicted_xy, side)
         return candidates, simulated_xy, self.places(candidates, simulated_xy, sensitivity)
@@ -293,8 +293,8 @@ class LandingPredictor:
 
         Args:
             casts: Casts with or without a landing. Motions of no family are left out.
-            fitted: Whether the simulator was fitted to each; to none where None.
-            ages: Factors of their noise, shape [cast]; drifts are noticed where None.
+            fitted: Whether the simulator was fitted to each; to none if None.
+            ages: Factors of their noise, shape [cast]; drifts are noticed if None.
             fit_scales: Whether the scales of the process are fitted anew.
         """
         if self.polar is not None:
@@ -305,7 +305,7 @@ class LandingPredictor:
         if not rows:
             fitted_anew = experience.with_fitted_scales() if fit_scales else experience
             return dataclasses.replace(self, experience=fitted_anew)
-        # One batch takes hardly longer than one cast.
+        # One batch takes barely longer than one cast.
         actions = np.array([casts[row].sweep for row in rows])
         candidates = self.evaluate(*mirror_to_right(actions))
         places, simulated_xy = self._located(candidates)
@@ -390,7 +390,7 @@ class LandingPredictor:
             side=side,
             shifts=np.nan_to_num(shifts),
             leaving=found.leaving,
-            log_sizes=np.log(found.sizes / self.beliefs.size.usual),
+            log_sizes=np.log(found.sizes / self.beliefs.size.typical),
             frictions=found.frictions,
         )
 

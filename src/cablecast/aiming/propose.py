@@ -4,7 +4,7 @@ A `LandingPredictor` says where a cast is expected to land, and how surely, from
 all real casts so far. For a target, `propose` takes the action with the least expected loss, in
 this cast and the next, from the distance left, the uncertainty of the prediction, the scatter of
 the action, and the chance of a cast that ends out of sight. So calm casts, which a small change of
-the friction hardly moves, are taken where they reach. After a cast near a target the process is
+the friction barely moves, are taken where they reach. After a cast near a target the process is
 almost certain there, so the next action is a small step from the last one, damped by the scatter as
 in a Kalman filter. An action that scatters more than expected, or stays far off, loses this
 advantage to others.
@@ -50,11 +50,11 @@ _PARTS = (1.0, 0.75, 0.5, 0.25, 0.0)
 _BLIND_MARGINS = (0.02, 0.06)
 
 NEAR = 0.08
-"""Miss beyond which it hardly matters how large a miss is [cable lengths]."""
+"""Miss beyond which its size barely matters [cable lengths]."""
 
 NEXT_NEAR, LEFT = 0.04, 0.15
 """The same for the cast after the proposed one, and the share of the variance of the prediction
-that it is expected to leave [-]. What a cast teaches of the cable corrects the next; what equal
+that it is expected to leave [-]. What a cast shows of the cable corrects the next; what equal
 casts scatter by stays, and where no calm cast reaches no correction will."""
 
 CAMERA_HEIGHT = 2.2
@@ -65,12 +65,12 @@ POLAR_LEFT, POLAR_COST = 0.02, 0.03
 and the loss that the 20 s count for by which it takes longer than a sweep [-]."""
 
 MARKER_RADIUS = 0.015
-"""Distance from the arm's outline at which a marker of usual size is half hidden [m]."""
+"""Distance from the arm's outline at which a marker of typical size is half hidden [m]."""
 
 SAME_ACTION = np.array([np.radians(0.1), np.radians(0.1), 1e-3, np.radians(0.1), 1e-3])
 """Two actions nearer to each other than this make the same cast [rad, rad, m, rad, -]."""
 
-# Points that stand for a round normal distribution: shares of equal probability, each at the
+# Quadrature points of an isotropic Gaussian: shares of equal probability, each at the
 # distance from the middle that halves it.
 _RINGS, _SPOKES = 4, 8
 
@@ -235,7 +235,7 @@ class _MovedLandings:
     def __init__(self, predictor: LandingPredictor, candidates: Candidates):
         self.predictor, self.candidates = predictor, candidates
         self.setup, self.task = predictor.beliefs.policy.setup, predictor.beliefs.model.task
-        # It hardly changes nearby.
+        # It barely changes nearby.
         self.sensitivity = predictor.beliefs.sensitivities(candidates.actions)
 
     def predict(self, actions: _Array) -> _Array:
@@ -324,7 +324,7 @@ def expected_loss(
         distance: Distance from expected landing to target [cable lengths], shape [action].
         variance: Variance of the landing along each axis [square cable lengths], shape [action].
         failure: Chance of a cast without a landing [-], shape [action].
-        near: Miss beyond which it hardly matters how large a miss is [cable lengths].
+        near: Miss beyond which its size barely matters [cable lengths].
         dimension: Number of components of the outcome.
     """
     width = near**2 + variance
@@ -349,8 +349,8 @@ def lost_chance(
         landing_xy: Their expected landings [m], shape [action, 2].
         deviation: Standard deviation of the landings along each axis [m], shape [action].
         setup: Set-up with the arm and the table.
-        sight: Limits of the camera's sight; those of a camera above the middle of the table,
-            without blind places, where None.
+        sight: Limits of the camera's sight; if None, those of a camera above the middle of the
+            table, without blind places.
     """
     poses = paths.evaluate(paths.duration[:, None])[:, 0]
     still = np.zeros_like(poses)
@@ -370,7 +370,7 @@ def lost_chance(
 
 
 def _unit_points() -> NDArray[np.float64]:
-    """Return points of a round normal distribution of deviation 1, shape [point, 2]."""
+    """Return quadrature points of an isotropic Gaussian of deviation 1, shape [point, 2]."""
     share = (np.arange(_RINGS) + 0.5) / _RINGS
     radius = np.sqrt(-2.0 * np.log1p(-share))
     # Every other ring is turned by half a spoke.

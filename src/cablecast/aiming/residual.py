@@ -6,8 +6,7 @@ landing and the side of the table; e is scatter from cast to cast. The size s is
 `LocalSize` and of an ensemble: casts that land far away, or on which simulators disagree, miss by
 more. f is the shift of the landing with the friction: an error that moves all casts like it, and so
 reaches far. The scatter k follows the sensitivity of the landing to action and friction. Four
-numbers are fitted (`ResidualScales`), each with a prior, so that no cast is needed at the start and
-a hundred may overrule it.
+numbers are fitted (`ResidualScales`), each with a prior that a hundred casts overrule.
 """
 
 import dataclasses
@@ -54,7 +53,7 @@ def length_scales(dimension: int = 2) -> NDArray[np.float64]:
 
 
 FRICTION_SIZE, FRICTION_REACH = 0.05, 3.0
-"""Usual standard deviation of h along each of x and y, as a relative change of the friction, and
+"""Typical standard deviation of h along each of x and y, as a relative change of the friction, and
 its length scales over those of g. It stands for all errors that are magnified as friction's are."""
 
 _JITTER = 1e-9
@@ -111,8 +110,8 @@ class Places(ArrayRows):
 
     Attributes:
         inputs: Coordinates, see `length_scales`, shape [action, 6 + k].
-        log_sizes: Logarithm of the local size over that of a usual cast, shape [action].
-        log_scatters: Logarithm of the scatter over that of a usual cast, shape [action].
+        log_sizes: Logarithm of the local size over that of a typical cast, shape [action].
+        log_scatters: Logarithm of the scatter over that of a typical cast, shape [action].
         frictions: Shift of the landing per relative change of the friction [cable lengths], shape
             [action].
     """
@@ -208,7 +207,7 @@ class FewCastResidual:
             return self
         from scipy.optimize import minimize
 
-        telling = dataclasses.replace(
+        informative = dataclasses.replace(
             self,
             places=self.places[chosen],
             residuals=self.residuals[chosen],
@@ -216,7 +215,7 @@ class FewCastResidual:
         )
 
         start = self.believed.to_array()
-        found = minimize(telling._loss, start, method="L-BFGS-B", options={"maxiter": 60})
+        found = minimize(informative._loss, start, method="L-BFGS-B", options={"maxiter": 60})
         values = found.x if np.all(np.isfinite(found.x)) else start
         return dataclasses.replace(self, scales=ResidualScales.from_array(values))
 
@@ -267,7 +266,7 @@ def _correlation(places: Places, others: Places, length: float) -> NDArray[np.fl
     return matern(places.inputs / scales, others.inputs / scales)
 
 
-# Smaller values are taken for this share of the usual one: their logarithm would say too much.
+# Smaller values are taken for this share of the typical one: their logarithm would say too much.
 _SHARE_MIN = 0.05
 # Each value is known to a third or so only, from a handful of simulators.
 _SMOOTHING = 10.0
@@ -286,19 +285,19 @@ class LocalSize:
     values: NDArray[np.float64]
 
     @property
-    def usual(self) -> float:
-        """Value of a usual action."""
+    def typical(self) -> float:
+        """Value of a typical action."""
         return float(np.median(self.values))
 
     def log_sizes(self, landing_xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the logarithm of the size over the usual of landings to the right, [action]."""
-        # Beyond the landings that are known the map would grow without bounds.
+        """Return the logarithm of size over typical size of landings to the right, [action]."""
+        # Beyond the known landings the map would grow without bounds.
         found = self._map((landing_xy - self._middle) / self._scale)
         return np.asarray(np.clip(found, *self._bounds), dtype=float)
 
     @functools.cached_property
     def _logs(self) -> NDArray[np.float64]:
-        return np.log(np.maximum(self.values / self.usual, _SHARE_MIN))
+        return np.log(np.maximum(self.values / self.typical, _SHARE_MIN))
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, float]:
@@ -323,7 +322,7 @@ class LocalSize:
 FAILURE_SHARE = 0.02
 """Share of casts without a landing that is expected before any cast."""
 
-# Casts that the belief about scatter and failures is worth.
+# Prior strength of scatter and failures [casts].
 _SCATTER_CASTS, _FAILURE_CASTS = 2.0, 3.0
 _SCATTER_MIN, _SCATTER_MAX = 0.25, 25.0
 # A cast that the simulator was fitted to counts as if it scattered more, by this share.
@@ -444,14 +443,14 @@ class Experience:
         return np.clip(factor, _SCATTER_MIN, _SCATTER_MAX)
 
     def _with_scatter(self) -> "Experience":
-        """Let each cast of the process scatter as casts like it do."""
+        """Set the scatter of each cast to that of casts near it."""
         noise = np.sqrt(self._scatter_factor(self.residual.places)) * self.ages
         noise = noise + _FITTED_NOISE * self.fitted
         residual = dataclasses.replace(self.residual, scatter=noise)
         return dataclasses.replace(self, residual=residual)
 
     def _aged(self) -> "Experience":
-        """Let earlier casts count less where the last ones land farther off than expected."""
+        """Raise the noise of earlier casts where the last ones land farther off than expected."""
         count = len(self.ages)
         if count < _DRIFT_FROM or count - max(self.drifts, default=0) < _DRIFT_CASTS:
             return self

@@ -28,7 +28,7 @@ from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
 from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.task import Goal, MissLaw, Task
-from cablecast.tuning.landings import USUAL_DISTANCES
+from cablecast.tuning.landings import TYPICAL_DISTANCES
 from cablecast.tuning.tracks import MeasuredTracks
 from cablecast.tuning.tuned import Tuned
 
@@ -53,7 +53,7 @@ FIRST_COUNT = 5
 """Casts from which on the first fit is due, where a session started without one."""
 
 ENOUGH = 40
-"""Casts from which on no fit is due: more hardly change the parameters."""
+"""Casts from which on no fit is due: more barely change the parameters."""
 
 _INNOVATION_MAX = 4.0
 # From the third cast at a goal on, one with a smaller chance to hit than this must be expected
@@ -274,7 +274,7 @@ class AimSession(CastSession):
         model: Model to plan with, and the fit behind it; a policy of simulated casts alone stands
             for one of which nothing else is known.
         casts: Casts on the rig that were made before.
-        out: Folder that keeps the casts; none where None.
+        out: Folder that keeps the casts; none if None.
         config: Settings; `tries`, `within_pct`, `force` and `refit` are used here and by `aim`.
         refitting: Makes a new model from all casts; `prepare_aim` gives it.
 
@@ -384,7 +384,7 @@ class AimSession(CastSession):
         return other
 
     def undo(self, number: int | None = None) -> Cast:
-        """Take a cast back, the last aimed one by default: it is kept, and counts for nothing.
+        """Discard a cast, the last aimed one by default: it is kept, and counts for nothing.
 
         Raises:
             InputError: There is no such cast, or it was discarded before.
@@ -602,7 +602,7 @@ def casts_near(casts: Sequence[tuple[int, Cast]], goal: Goal) -> list[int]:
 def poor_fit(tuned: Tuned | None) -> float:
     """Return the distance from a fit to its own casts [cable lengths] if it is poor, else 0."""
     distance = 0.0 if tuned is None or tuned.posterior is None else tuned.posterior.distance
-    return distance if distance > USUAL_DISTANCES[1] else 0.0
+    return distance if distance > TYPICAL_DISTANCES[1] else 0.0
 
 
 def refit_due(

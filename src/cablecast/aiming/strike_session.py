@@ -34,7 +34,7 @@ GAP_MAX = 0.05
 SCATTER = 0.005
 """Deviation of the closest point of equal swings along each axis, camera included [m]."""
 LOST_TRIALS = 10.0
-"""Swings that the belief that hardly any is lost is worth [-]."""
+"""Prior strength of the belief that few swings are lost [swings]."""
 
 
 class StrikeSession(CastSession):

@@ -68,7 +68,7 @@ def simulate_dataset(
     None. The dynamics may be parameters of the cable alone; they are the cable's own if None.
     Shards take the engine's device a few seconds each, unless their rows are given. They may be
     simulated on a cluster (see `check_workers`): rows are equal to the bit on processors of one
-    kind. Outcomes in another task than a landing are kept beside the landings.
+    kind. Outcomes in another task than a landing are kept next to the landings.
 
     Raises:
         DatasetError: The folder holds another dataset or other files, or a shard is damaged.

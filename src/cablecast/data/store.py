@@ -100,7 +100,7 @@ def _stored_row(cast: Cast, index: int) -> dict[str, Any]:
 
 
 def _proposal_cells(proposal: Proposal) -> dict[str, Any]:
-    """Return the columns of a proposal beside the number and the action of its cast."""
+    """Return the columns of a proposal but for the number and the action of its cast."""
     expected = proposal.expected
     return {
         "task": proposal.goal.task.name,
@@ -238,13 +238,13 @@ class CastStore:
         return store
 
     def undo(self, number: int) -> None:
-        """Take a cast back: it is kept, and counts for nothing from now on."""
+        """Discard a cast: it is kept, and counts for nothing from now on."""
         if number not in range(len(self)):
             raise InputError(f"the store has {len(self)} casts: there is no cast {number}")
         undone = self.undone | {number}
         if self._run is not None:
             with self._run.locked():
-                # Another process may have taken one back meanwhile.
+                # Another process may have discarded one meanwhile.
                 undone |= self._read_undone()
                 write_json(self._run.path / UNDONE_FILE, seal({"undone": sorted(undone)}))
         self.undone = undone

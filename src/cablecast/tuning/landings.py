@@ -25,7 +25,7 @@ OWN_MISS, SPREAD_FACTOR = 0.02, 1.5
 laboratory 0 of the virtual rig with cable 1; the calm ones landed 1.5 % from where they were
 expected in the median, the wild ones by more than twice the spread."""
 
-USUAL_DISTANCES, FACTORS = (0.012, 0.021), (0.05, 3.0)
+TYPICAL_DISTANCES, FACTORS = (0.012, 0.021), (0.05, 3.0)
 """Mean distances from a fit to its tracks between which these two hold [cable lengths]: those of
 fits in the virtual rig, where the distance tells no more. Beyond, misses grow and shrink with its
 square, between the least and the largest factor. With the square, because wrong physics errs by
@@ -81,7 +81,7 @@ def miss_factor(distance: float, track_count: int) -> float:
 
     `distance` is the mean distance from the fit to its tracks [cable lengths].
     """
-    ratio = distance / float(np.clip(distance, *USUAL_DISTANCES))
+    ratio = distance / float(np.clip(distance, *TYPICAL_DISTANCES))
     least, most = FACTORS
     return float(np.clip(ratio**2, least if track_count >= TRUSTED_COUNT else 1.0, most))
 

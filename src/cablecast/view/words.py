@@ -106,7 +106,7 @@ def plan_text(preview: Preview, desk: Desk) -> str:
 
 
 def _landing_text(proposal: Proposal, desk: Desk) -> str:
-    """Return how the last cast landed beside what was expected of it, as a table."""
+    """Return how the last cast landed next to what was expected of it, as a table."""
     length = desk.setup.cable.length
     rows = [("target", place_text(proposal.goal.value))]
     last = desk.last

@@ -1,7 +1,7 @@
-"""True values of the strike laboratory beside those of its cables and its arm (`_hidden.py`).
+"""True values of the strike laboratory besides those of its cables and its arm (`_hidden.py`).
 
 Nothing outside rigs/virtual may read them. How far equal swings differ, and what the camera does,
-was set before any aim was run, by what stands beside each value; docs/strike.md names the sources.
+was set before any aim was run, by what stands next to each value; docs/strike.md names the sources.
 """
 
 import dataclasses
@@ -12,7 +12,7 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class HiddenSwing:
-    """What a strike laboratory has beside cable and arm.
+    """What a strike laboratory has besides cable and arm.
 
     Attributes:
         stick_frequency: Frequency at which the loaded stick sways on the flange [Hz]: a beech rod

@@ -28,7 +28,7 @@ class TrialNoise:
     """Standard deviations of what changes from trial to trial.
 
     They were set by the scatter of repeated landings on the real table (paper, section VI-B), which
-    `cablecast repeat` prints beside ours. Most of it comes from the reset. The rest is kept small,
+    `cablecast repeat` prints next to ours. Most of it comes from the reset. The rest is kept small,
     since some fast casts magnify any difference.
 
     Attributes:

@@ -426,7 +426,7 @@ class _World:
                 size=[cable.radius, 0.0, 0.0],
                 mass=truth.mass / BODY_COUNT * masses[number],
                 contype=0,
-                # What lies beside the stick that holds it is no contact.
+                # What lies along the stick that holds it is no contact.
                 conaffinity=_FLOOR | (_ARM if number > 2 else 0),
                 fluid_ellipsoid=1,
                 fluid_coefs=drag,
