@@ -15,7 +15,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest
 
+import cablecast as cc
 from benchmarks.places import (
     FINE_TUNING_MIN,
     HIT_PCT,
@@ -29,12 +32,14 @@ from benchmarks.places import (
     try_count,
 )
 from benchmarks.result import Table
+from cablecast.aiming.propose import hit_chances
 from cablecast.cli.progress import console_progress
 from cablecast.errors import InputError
 from cablecast.evaluation.evaluate import difference_interval, median_interval
 from cablecast.report import style
 from cablecast.rigs.virtual.sensing import CameraErrorModel
 from cablecast.runs.progress import ProgressCallback
+from cablecast.task import LANDING, Expectation, MissLaw
 
 KEY = ("rig", "cable", "casts", "method")
 MISSES = (
@@ -169,6 +174,60 @@ def distances(found: Found) -> Table:
     return Table(title=title, columns=DISTANCES, rows=rows)
 
 
+def outlooks(found: Found) -> Table:
+    """Return how often targets were hit by what `check` says of them, and what was stated."""
+    rows = []
+    for key in dict.fromkeys((rig, count, method) for rig, _, count, method in found):
+        every = [
+            row
+            for (rig, _, count, method), casts_at in found.items()
+            for row in casts_at
+            if (rig, count, method) == key and method in LOOPS
+        ]
+        for calm in (True, False):
+            if own := [row for row in every if row["calm"] is calm]:
+                misses = np.array([row["miss_pct"] for row in own])
+                stated = np.mean([_stated_chances(row, misses.shape[1]) for row in own], axis=0)
+                floors = [value for row in own for value in row["floor_pct"]]
+                for number in range(misses.shape[1]):
+                    hit = int((misses[:, : number + 1].min(axis=1) <= HIT_PCT).sum())
+                    interval = binomtest(hit, len(own)).proportion_ci(0.9, method="wilson")
+                    rows.append(
+                        (
+                            *key,
+                            "calm casts" if calm else "fast casts only",
+                            len(own),
+                            number + 1,
+                            100.0 * hit / len(own),
+                            *(100.0 * float(share) for share in interval),
+                            100.0 * stated[number],
+                            float(np.median(floors)) if floors else None,
+                        )
+                    )
+    title = (
+        "Hits within so many tries by what reaches the target, as check says it: share of targets "
+        "with its 90 % interval, and the chance that was stated before the first try [%]; floor: "
+        "median distance of equal casts from their mean [% of cable length]"
+    )
+    columns = ("rig", "casts", "method", "reached by", "targets", "tries", "hit", "low", "high")
+    return Table(title=title, columns=(*columns, "stated", "floor"), rows=rows)
+
+
+def _stated_chances(row: Mapping[str, Any], count: int) -> NDArray[np.float64]:
+    """Return the chances of a hit within 1, 2, ... tries that the first proposal stated."""
+    stated, setup = row["expected"][0], cc.Setup()
+    goal = LANDING.goals(setup, [0.0, 1.0], within_pct=HIT_PCT)[0]
+    length = setup.cable.length
+    expected = Expectation(
+        mean=goal.value + [stated["miss"] * length, 0.0],
+        covariance=(stated["deviation"] * length) ** 2 * np.eye(2),
+        law=MissLaw(scale=stated["law_scale"], freedom=stated["law_freedom"]),
+        scatter=stated["scatter"] * length,
+        failure=stated["failure"],
+    )
+    return hit_chances(expected, goal, row["family"][0], count)
+
+
 def differences(found: Found) -> Table:
     """Return how much more other methods miss than aim, at the same targets."""
     rows = []
@@ -211,6 +270,7 @@ def casts(args: CastsArgs) -> Iterator[Table]:
         found = run(args, progress)
     yield misses(found)
     yield distances(found)
+    yield outlooks(found)
     if any(rig.startswith("virtual") for rig in args.rigs):
         yield from sighted(found, args)
     yield differences(found)

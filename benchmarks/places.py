@@ -23,6 +23,7 @@ from cablecast.data.dataset import Dataset
 from cablecast.data.store import CastStore
 from cablecast.errors import InputError
 from cablecast.learning.policy import ForwardSearchPolicy
+from cablecast.pipeline.check import LabCheck
 from cablecast.rigs.checked import CheckedRig, seek_trial
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
@@ -380,11 +381,16 @@ class Place:
                     self._report(task, index, targets)
                     play = self.player(method, count, equal_count)
                 stored = play(Luck(self.rig, 1000 * (index + 1)), target, tries)
-                stored["r"] = float(np.hypot(*target))
                 self.parts.put(name, stored)
                 self._report(task, index + 1, targets)
-            rows.append(stored)
+            calm = self.checked.is_calm(target)
+            rows.append({**stored, "r": float(np.hypot(*target)), "calm": calm})
         return rows
+
+    @functools.cached_property
+    def checked(self) -> LabCheck:
+        """What casts reach, as `check` says it before any cast."""
+        return cc.check(self.setup, changes=False)
 
     def _report(self, task: str, done: int, total: int) -> None:
         self.progress(Progress(task=task, done=done, total=total, unit="targets"))

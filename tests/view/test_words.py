@@ -23,7 +23,7 @@ def test_a_plan_and_its_cast_are_stated_in_the_units_of_a_person(desk, own):
     proposal = preview.proposal
     most = 100 * desk.setup.cable.length * proposal.expected.miss_within(proposal.goal, 0.9)
     assert f"| nine of ten | within {most:.1f} cm (" in plan
-    assert f"| chance of a hit | {100 * proposal.hit_chance:.0f} % |" in plan
+    assert f"| chance of a hit | {100 * proposal.hit_chance:.0f} %, within 6 tries " in plan
     assert f"{preview.proposal.trajectory.duration:.2f} s" in plan
     desk.cast(desk.preview)
     miss = np.linalg.norm(own.offset)

@@ -146,6 +146,30 @@ def propose(
     )
 
 
+def hit_chances(expected: Expectation, goal: Goal, family: str, count: int) -> _Array:
+    """Return the chance of a hit within 1, 2, ... tries, shape [count].
+
+    Each correction is expected on the goal. It leaves the same share of the variance as the choice
+    of a cast assumes, and the scatter of two equal casts: that of the last one and its own.
+
+    Args:
+        expected: Distribution of the outcome of the first of these tries.
+        goal: Goal of all of them.
+        family: Family of the motions.
+        count: Number of tries.
+    """
+    left = {Action.family: LEFT, PolarCast.family: POLAR_LEFT}[family]
+    size, scatter = len(goal.value), expected.scatter**2
+    variance = max(float(np.trace(expected.covariance)) / size - scatter, 0.0)
+    chances = [expected.hit_chance(goal)]
+    for _ in range(count - 1):
+        variance *= left
+        covariance = (variance + 2.0 * scatter) * np.eye(size)
+        later = dataclasses.replace(expected, mean=goal.value, covariance=covariance)
+        chances.append(later.hit_chance(goal))
+    return np.asarray(1.0 - np.cumprod(1.0 - np.array(chances)), dtype=float)
+
+
 def _polar_risk(proposal: Proposal, polar: PolarLandings) -> float:
     """Return the expected loss of a polar cast, and what its duration counts for."""
     expected, length = proposal.expected, polar.setup.cable.length

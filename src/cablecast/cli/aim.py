@@ -272,14 +272,21 @@ def refit_and_say(session: "AimSession", due: "RefitDue") -> None:
 
 def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
     """Say what a cast is expected to do."""
-    from cablecast.report.words import chance_text, distance_text, motion_text, reason_text
+    from cablecast.report.words import (
+        distance_text,
+        floor_text,
+        hit_text,
+        motion_text,
+        reason_text,
+    )
 
     if proposal.try_number == 1:
         print(f"\ntarget    {polar_text(proposal.goal.value)}")
     print(f"try {proposal.try_number}     {reason_text(proposal, session)}")
     print(f"  motion  {motion_text(proposal)}")
-    print(f"  expect  a hit with a chance of {chance_text(proposal.hit_chance)}")
+    print(f"  expect  a hit with a chance of {hit_text(proposal, session.config.tries)}")
     print(f"          {distance_text(proposal)}")
+    print(f"          {floor_text(proposal)}")
     chance = 100 * proposal.expected.failure
     if chance > 10:
         print(f"          {chance:.0f} % chance that it is hidden or off the table")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.aiming.propose import hit_chances
 from cablecast.aiming.session import (
     STUCK_COUNT,
     AimSession,
@@ -74,11 +75,27 @@ def chance_text(chance: float) -> str:
     return "more than 99 %" if chance > 0.995 else f"{100.0 * chance:.0f} %"
 
 
+def hit_text(proposal: Proposal, tries: int) -> str:
+    """Return the chance of a hit with a cast, and with the last of so many tries at its goal."""
+    text, left = chance_text(proposal.hit_chance), tries - proposal.try_number + 1
+    if left < 2:
+        return text
+    chances = hit_chances(proposal.expected, proposal.goal, proposal.action.family, left)
+    return f"{text}, within {left} tries {chance_text(chances[-1])}"
+
+
 def distance_text(proposal: Proposal) -> str:
     """Return how far from its target a cast will land: half of such casts, and nine of ten."""
     goal, length = proposal.goal, proposal.setup.cable.length
     half, most = (100.0 * length * proposal.expected.miss_within(goal, p) for p in (0.5, 0.9))
     return f"most likely {half:.1f} cm off the target, nine of ten within {most:.0f} cm"
+
+
+def floor_text(proposal: Proposal) -> str:
+    """Return how far apart equal casts land, which no correction changes."""
+    # Half of the draws of a round normal distribution lie within this multiple of its deviation.
+    floor = 100.0 * proposal.expected.scatter * math.sqrt(2.0 * math.log(2.0))
+    return f"equal casts land about {floor:.1f} cm from their middle"
 
 
 def motion_text(proposal: Proposal) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
 from cablecast.report.tables import markdown_table
-from cablecast.report.words import chance_text, motion_text, place_text
+from cablecast.report.words import hit_text, motion_text, place_text
 from cablecast.runs.progress import duration_text
 from cablecast.view.desk import Desk, Phase, Preview
 from cablecast.view.look import ShownCast
@@ -84,13 +84,14 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     proposal, length = preview.proposal, desk.setup.cable.length
     if desk.phase in (Phase.LANDED, Phase.DONE):
         return _landing_text(proposal, desk)
+    tries = 1 if desk.session is None else desk.session.config.tries
     r, theta = xy_to_polar(proposal.goal.value)
     half, most = (100 * proposal.expected.miss_within(proposal.goal, p) for p in (0.5, 0.9))
     shares, names = 100.0 * preview.limit_shares, desk.setup.arm.joint_names
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
         ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
-        ("chance of a hit", chance_text(proposal.hit_chance)),
+        ("chance of a hit", hit_text(proposal, tries)),
         ("most likely", f"{_length_text(half, length)} off"),
         ("nine of ten", f"within {_length_text(most, length)}"),
         ("duration", motion_text(proposal)),
