@@ -1,4 +1,4 @@
-"""Scatter follows the sensitivity to the action and the friction, and bounds the chance of a hit."""
+"""Scatter follows the sensitivity to action and friction, and bounds the chance of a hit."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_scatter_grows_with_either_and_is_bounded_below():
 
 
 def expected(deviation, scatter):
-    """A law that is all but normal, expected on the goal, with deviations in cable lengths."""
+    """Return a law that is all but normal, expected on the goal; deviations in cable lengths."""
     length = GOAL.setup.cable.length
     return Expectation(
         mean=GOAL.value,
@@ -38,7 +38,7 @@ def expected(deviation, scatter):
 
 
 def hit_chance(deviation):
-    """Chance that a round normal law of a deviation [cable lengths] hits the goal."""
+    """Return the chance that a round normal law of a deviation [cable lengths] hits the goal."""
     return 1.0 - np.exp(-0.5 * (GOAL.within_pct / 100.0 / deviation) ** 2)
 
 
