@@ -106,6 +106,11 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     "labs": ("labs:labs", (*LEARNING, "pipeline/check"), "random laboratories: run or refused"),
     "irp": ("irp:main", AIR, "strikes in the air on the benchmark of Iterative Residual Policy"),
     "strike": ("strike:main", STRIKES, "strikes in the air on the strike laboratory, with floors"),
+    "whip": (
+        "whip:main",
+        ("cable", "tuning/tips", "task"),
+        "strikes with a whip: another author's six targets, known whip and unknown",
+    ),
     "reproduce": (
         "reproduction:main",
         PAPER,
@@ -151,6 +156,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "light": ("light", 0.5),
     "irp": ("irp --goals 12", 0.7),
     "irp-rows": ("irp --rows image noise fit prior impulse --goals 1 --tries 6", 0.3),
+    "whip": ("whip", 0.4),
 }
 """Command and expected hours on two cores of each run that a page quotes, in order of worth."""
 

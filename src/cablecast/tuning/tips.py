@@ -14,12 +14,13 @@ is believed; several optima are kept.
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import PARAMS, Cable, CableParams
-from cablecast.engines.swing import SAMPLE_DT, SwingModel
+from cablecast.engines.swing import SAMPLE_DT
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,18 @@ included, weighed, and whose stiffness was guessed."""
 DIFFERENCE = 0.03
 """Step of a finite difference in deviations [-]."""
 DAMPINGS = np.array([0.03, 0.3, 3.0, 30.0])
+
+
+class Swinger(Protocol):
+    """What plays swings, such as `SwingModel`."""
+
+    def motion(self, unit: Any, duration: Any, /) -> Any:
+        """Return a move, in unit coordinates, for a time [s]."""
+        ...
+
+    def play(self, motion: Any, cable: Any, /) -> Any:
+        """Return swings of a move with cables: `tip` [m], shape [cable, sample, 3]."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -182,7 +195,7 @@ class TipPosterior:
 
 
 def fit_tips(
-    model: SwingModel,
+    model: Swinger,
     belief: TipBelief,
     swings: Sequence[TipSwing],
     *,
@@ -257,7 +270,7 @@ class _TipFit:
         swings: Swings that were seen.
     """
 
-    def __init__(self, model: SwingModel, belief: TipBelief, swings: Sequence[TipSwing]):
+    def __init__(self, model: Swinger, belief: TipBelief, swings: Sequence[TipSwing]):
         self.belief, self.swings = belief, swings
         self.model = model
         self.motions = [

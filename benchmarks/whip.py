@@ -1,0 +1,380 @@
+"""Strikes with a whip on another author's benchmark (whip_world.py).
+
+Search: the whip is known, and its simulation may run 600 times for each target. Transfer: nothing
+is known of the whip but what is believed of whips. It is simulated by fewer links with longer
+steps, fitted to the tips of the tries that were seen, and a move is searched for in that.
+"""
+
+import dataclasses
+import functools
+import pathlib
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.result import Table, code_key
+from benchmarks.whip_world import (
+    DT,
+    HIGH,
+    LINKS,
+    LOW,
+    SAMPLE_DT,
+    TARGETS,
+    Whip,
+    World,
+    durations,
+    hand,
+)
+from cablecast.cable import Cable
+from cablecast.runs.folder import Parts, fingerprint
+from cablecast.task import closest
+from cablecast.tuning.tips import TipBelief, TipPosterior, TipSwing, air_cable, fit_tips
+
+Array = NDArray[np.float64]
+
+CODE = ("cable", "tuning/tips", "task")
+"""What the results depend on."""
+HIT = 0.03
+"""Distance within which the published target is struck [m]."""
+BUDGET = 600
+"""Simulations that a search may take."""
+DRAWN, SPREAD_COUNT = 4096, 64
+"""Moves of which the first ones are chosen by where the hand goes, and number of the first ones."""
+START_COUNT, START_STEPS = 3, 32
+"""First moves that are refined, and simulations for each."""
+DIFFERENCE, RADIUS, RADII = 0.02, 0.15, (2e-3, 0.4)
+"""Step of a difference, first radius of trust, and its bounds, in unit coordinates [-]."""
+DEVIATION, SUCCESS, SMOOTHING, MEMORY = 0.02, 0.18, 0.08, 0.06
+"""First deviation of draws about the best move, share of them that is to be better, weight of the
+last draw in its estimate, and of the last better one in the covariance [-]."""
+
+BELIEVED = air_cable(1.6, 0.13, 0.06, 0.25, 0.024)
+DEVIATIONS = (1.3, 1.5, 2.0, 2.0, 1.0)
+"""What is believed of a whip: length, mass per length, stiffness over it and damping time, each
+within a factor. The benchmark's has 1.8 m, 0.17 kg/m, 0.105 m^4/s² and 0.38 s, and no drag."""
+MODEL_NODES, MODEL_DT = 12, 5e-4
+"""Links of the model of an unknown whip, and its step [s]; the world has 25 and 0.1 ms."""
+NEAR = 0.3
+"""Distance of moves, in unit coordinates, over which errors of the model are much alike [-]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Args:
+    """Strike the six targets of the whip's benchmark.
+
+    Attributes:
+        targets: Numbers of the targets, from 1.
+        tries: Number of tries with an unknown whip; 0 leaves them out.
+        seed: Seed of the searches.
+        out: Folder of the finished targets, in which the same command resumes.
+    """
+
+    targets: tuple[int, ...] = (1, 2, 3, 4, 5, 6)
+    tries: int = 3
+    seed: int = 0
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/whip")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Point:
+    """A move that was simulated.
+
+    Attributes:
+        unit: Move in unit coordinates, shape [9].
+        tip: Path of its tip [m], shape [step, 3].
+        miss: Closest distance from the target [m].
+        place: Step of the closest point.
+    """
+
+    unit: Array
+    tip: Array
+    miss: float
+    place: float
+
+    def at(self, place: float) -> Array:
+        """Return the tip at a step [m], shape [3]."""
+        place = min(place, len(self.tip) - 1.001)
+        before = int(place)
+        return self.tip[before] + (place - before) * (self.tip[before + 1] - self.tip[before])
+
+
+class _Done(Exception):
+    """A search is over: the target is struck, or the budget used up."""
+
+
+class Search:
+    """A search for a move that strikes a target.
+
+    First moves are those of many draws whose hand passes the direction of the target and stops
+    beyond; they cost no simulation. The best of them are refined by steps of Gauss and Newton within
+    a radius of trust, over the offset of the closest point across the path. Draws about the best
+    move follow, whose covariance adapts to those that were better.
+
+    Args:
+        play: Returns the path of the tip of a move [m], shape [step, 3].
+        target: Target [m], shape [3].
+        seed: Seed of the draws.
+        budget: Number of simulations.
+        within: Distance at which the search ends [m].
+    """
+
+    def __init__(
+        self,
+        play: Callable[[Array], Array],
+        target: Sequence[float],
+        seed: int,
+        *,
+        budget: int = BUDGET,
+        within: float = HIT,
+    ):
+        self.play, self.target = play, np.array(target)
+        self.budget, self.within = budget, within
+        self.rng = np.random.default_rng(seed)
+        self.count = 0
+        self.best: Point | None = None
+
+    def run(self, known: Sequence[Array] = ()) -> Point:
+        """Return the best move, after moves that are known to be good, if there are any."""
+        try:
+            first = [self.try_(unit) for unit in (*known, *self.spread())]
+            first.sort(key=lambda point: point.miss)
+            for point in first[:START_COUNT]:
+                self.step(point)
+            self.draw()
+        except _Done:
+            pass
+        assert self.best is not None
+        return self.best
+
+    def try_(self, unit: Array) -> Point:
+        """Simulate a move."""
+        tip = self.play(unit)
+        good = np.isfinite(tip).all(axis=1)
+        tip = tip[: max(int(np.argmin(good)), 2)] if not good.all() else tip
+        miss, place = closest(tip, self.target)
+        point = Point(unit, tip, float(miss), float(place))
+        self.count += 1
+        if self.best is None or point.miss < self.best.miss:
+            self.best = point
+        if self.best.miss <= self.within or self.count >= self.budget:
+            raise _Done
+        return point
+
+    def spread(self) -> Array:
+        """Return first moves, shape [move, 9]."""
+        from scipy.stats import qmc
+
+        units = qmc.Sobol(9, rng=self.rng).random(DRAWN)
+        values = LOW + units * (HIGH - LOW)
+        start, end = hand(values[:, :4]), hand(values[:, 4:8])
+        way = self.target / np.linalg.norm(self.target)
+        normal = np.cross(start, end)
+        beside = np.abs(normal @ way) / np.linalg.norm(normal, axis=1)
+        reach = sum(link[0] for link in LINKS)
+        order = np.argsort(beside - end @ way / reach, kind="stable")
+        return units[order[: 4 * SPREAD_COUNT : 4]]
+
+    def step(self, point: Point) -> None:
+        """Refine a move by steps of Gauss and Newton."""
+        end, radius, fails, slope, age = self.count + START_STEPS, RADIUS, 0, None, 0
+        while radius > RADII[0] and self.count < end:
+            if slope is None:
+                slope, best = self.slope(point, min(DIFFERENCE, radius))
+                point, age = min(point, best, key=lambda one: one.miss), 0
+            tried = self.try_(np.clip(point.unit + self.move(point, slope, radius), 0.0, 1.0))
+            moved, age = tried.unit - point.unit, age + 1
+            expected = point.miss - np.linalg.norm(
+                self.across(point, point.at(point.place) - self.target + slope @ moved)
+            )
+            # Broyden's update.
+            change = tried.at(point.place) - point.at(point.place) - slope @ moved
+            slope = slope + np.outer(change, moved) / max(moved @ moved, 1e-12)
+            gain = point.miss - tried.miss
+            point = tried if gain > 0.0 else point
+            if gain > 0.5 * expected:
+                radius, fails = min(1.7 * radius, RADII[1]), 0
+            elif gain > 0.1 * expected:
+                fails = 0
+            else:
+                radius, fails = 0.4 * float(np.linalg.norm(moved)) + 1e-6, fails + 1
+            if fails >= 2 and age > 2:
+                slope, fails = None, 0
+
+    def slope(self, point: Point, size: float) -> tuple[Array, Point]:
+        """Return the derivative of the tip by the move, [3, 9], and the best move on the way."""
+        tried = []
+        for number, value in enumerate(point.unit):
+            unit = point.unit.copy()
+            unit[number] += size if value < 0.5 else -size
+            tried.append(self.try_(unit))
+        columns = [
+            (one.at(point.place) - point.at(point.place)) / (one.unit - point.unit)[number]
+            for number, one in enumerate(tried)
+        ]
+        return np.stack(columns, axis=1), min(tried, key=lambda one: one.miss)
+
+    def across(self, point: Point, offset: Array) -> Array:
+        """Return what of an offset lies across the path at its closest point."""
+        before = min(max(int(point.place), 1), len(point.tip) - 2)
+        way = point.tip[before + 1] - point.tip[before - 1]
+        return offset - way * (way @ offset) / max(way @ way, 1e-12)
+
+    def move(self, point: Point, slope: Array, radius: float) -> Array:
+        """Return the step within a radius after which the offset is least, shape [9]."""
+        offset = self.across(point, point.at(point.place) - self.target)
+        matrix = np.stack([self.across(point, column) for column in slope.T], axis=1)
+        free, step = np.ones(len(point.unit), dtype=bool), np.zeros(len(point.unit))
+        for _ in range(len(free)):
+            u, s, vt = np.linalg.svd(matrix[:, free], full_matrices=False)
+            damping = 1e-6 * s[0] ** 2
+            while True:
+                step = np.zeros(len(free))
+                step[free] = -vt.T @ (s / (s**2 + damping) * (u.T @ offset))
+                if np.linalg.norm(step) <= radius or damping > 1e6 * s[0] ** 2:
+                    break
+                damping *= 1.5
+            low = (point.unit <= 1e-9) & (step < 0.0)
+            out = free & (low | ((point.unit >= 1.0 - 1e-9) & (step > 0.0)))
+            if not out.any() or out.sum() == free.sum():
+                break
+            free &= ~out
+        return step
+
+    def draw(self) -> None:
+        """Draw moves about the best one until the search is over."""
+        assert self.best is not None
+        point, size = self.best, len(self.best.unit)
+        covariance, path, deviation, rate = np.eye(size), np.zeros(size), DEVIATION, SUCCESS
+        while True:
+            way = np.linalg.cholesky(covariance) @ self.rng.normal(size=size)
+            tried = self.try_(np.clip(point.unit + deviation * way, 0.0, 1.0))
+            better = tried.miss < point.miss
+            rate += SMOOTHING * (better - rate)
+            deviation *= np.exp((rate - SUCCESS) / (1.0 - SUCCESS) / (1.0 + size / 2))
+            if better:
+                way, point = (tried.unit - point.unit) / deviation, tried
+                path = (1.0 - SUCCESS) * path + np.sqrt(SUCCESS * (2.0 - SUCCESS)) * way
+                covariance = (1.0 - MEMORY) * covariance + MEMORY * np.outer(path, path)
+
+
+class WhipModel:
+    """The model of an unknown whip, as `fit_tips` plays it."""
+
+    def motion(self, unit: Array, duration: float) -> tuple[Array, float]:
+        """Return a move and its duration [s]."""
+        return unit, duration
+
+    def play(self, motion: tuple[Array, float], cables: Sequence[Cable]) -> SimpleNamespace:
+        """Return the tips of whips at every `SAMPLE_DT` [m], shape [whip, sample, 3]."""
+        every = round(SAMPLE_DT / MODEL_DT)
+        tips = [simulated(cable).swing(*motion)[::every] for cable in cables]
+        return SimpleNamespace(tip=np.array(tips))
+
+
+def simulated(cable: Cable) -> World:
+    """Return the model of a whip."""
+    params = cable.params
+    whip = Whip(
+        length=cable.length,
+        mass=float(params.mass),
+        bend_stiffness=float(params.bend_stiffness),
+        damping_time=float(params.damping_time),
+        node_count=MODEL_NODES,
+    )
+    return World(whip, MODEL_DT)
+
+
+def search(number: int, seed: int) -> dict[str, Any]:
+    """Search for a move at a target with the known whip."""
+    start = time.process_time()
+    found = Search(World(Whip(), DT).swing, TARGETS[number - 1], seed)
+    miss = found.run().miss
+    return {"miss": miss, "count": found.count, "seconds": time.process_time() - start}
+
+
+def transfer(number: int, seed: int, tries: int) -> dict[str, Any]:
+    """Return the misses [m] of tries at a target with an unknown whip, and the time of each [s]."""
+    world, target = World(Whip(), DT), np.array(TARGETS[number - 1])
+    belief = TipBelief(cable=BELIEVED, deviations=DEVIATIONS)
+    seen: list[TipSwing] = []
+    posterior: TipPosterior | None = None
+    misses: list[float] = []
+    seconds: list[float] = []
+    for _ in range(tries):
+        start = time.process_time()
+        if seen:
+            posterior = fit_tips(
+                WhipModel(),
+                belief,
+                seen,
+                known=None if posterior is None else posterior.points,
+                draw_count=64,
+                start_count=3,
+                steps=6,
+                seed=len(seen),
+            )
+        model = simulated(BELIEVED if posterior is None else posterior.cable)
+        aim = Search(corrected(model, seen), target, seed, within=0.1 * HIT)
+        unit = aim.run([one.unit for one in seen]).unit
+        seconds.append(time.process_time() - start)
+        tip = world.swing(unit)
+        misses.append(float(closest(tip, target)[0]))
+        seen.append(TipSwing(unit=unit, tip=tip[:: round(SAMPLE_DT / DT)]))
+        if misses[-1] <= HIT:
+            # The same swing again.
+            misses += [misses[-1]] * (tries - len(misses))
+            break
+    return {"misses": misses, "seconds": seconds}
+
+
+def corrected(model: World, seen: Sequence[TipSwing]) -> Callable[[Array], Array]:
+    """Return a simulation to which is added what it gets wrong of the last try, near it."""
+    every = round(SAMPLE_DT / MODEL_DT)
+    if not seen:
+        return lambda unit: model.swing(unit)[::every]
+    last = seen[-1]
+    # A longer move than the last is followed for longer than that was seen.
+    error = np.zeros((round(float(durations(np.ones((1, 9)))[0]) / SAMPLE_DT) + 2, 3))
+    played = model.swing(last.unit)[::every]
+    size = min(len(played), len(last.tip))
+    error[:size] = last.tip[:size] - played[:size]
+    error[size:] = error[size - 1]
+
+    def play(unit: Array) -> Array:
+        """Return the path of a move."""
+        tip = model.swing(unit)[::every]
+        share = np.exp(-0.5 * np.sum((unit - last.unit) ** 2) / NEAR**2)
+        return tip + share * error[: len(tip)]
+
+    return play
+
+
+def main(args: Args) -> Iterator[Table]:
+    """Strike the targets, and yield a table of searches and one of tries with an unknown whip."""
+    parts = Parts(args.out / code_key(CODE), fingerprint({"seed": args.seed, "tries": args.tries}))
+    rows = []
+    for number in args.targets:
+        found = parts.get_or_make(
+            f"search-{number}", functools.partial(search, number, args.seed)
+        )
+        print(number, found, file=sys.stderr, flush=True)
+        rows.append((number, *TARGETS[number - 1], 100.0 * found["miss"], found["count"]))
+    columns = ("target", "x [m]", "y [m]", "z [m]", "closest approach [cm]", "simulations")
+    yield Table("Known whip: search", columns, rows)
+    if not args.tries:
+        return
+    rows = []
+    for number in args.targets:
+        made = functools.partial(transfer, number, args.seed, args.tries)
+        found = parts.get_or_make(f"transfer-{number}", made)
+        print(number, found, file=sys.stderr, flush=True)
+        misses = [100.0 * miss for miss in found["misses"]]
+        rows.append((number, *misses, max(found["seconds"])))
+    heads = [f"try {number} [cm]" for number in range(args.tries)]
+    columns = ("target", *heads, "most time of one core [s]")
+    yield Table("Unknown whip: fit, then aim", columns, rows)
