@@ -28,6 +28,7 @@ from benchmarks.result import (
     ROBOT,
     SIGHT,
     STRIKES,
+    WHIP,
     Result,
     Table,
     measured,
@@ -106,9 +107,14 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
     "labs": ("labs:labs", (*LEARNING, "pipeline/check"), "random laboratories: run or refused"),
     "irp": ("irp:main", AIR, "strikes in the air on the benchmark of Iterative Residual Policy"),
     "strike": ("strike:main", STRIKES, "strikes in the air on the strike laboratory, with floors"),
+    "arrival": (
+        "arrival:main",
+        AIR,
+        "strikes from a direction: within 5 cm and 10 deg, at 1 m/s, with a known rope",
+    ),
     "whip": (
         "whip:main",
-        ("cable", "tuning/tips", "task"),
+        WHIP,
         "strikes with a whip: another author's six targets, known whip and unknown",
     ),
     "reproduce": (

@@ -55,6 +55,8 @@ STRIKES = (
     "pipeline/strike",
 )
 """Strikes on the strike laboratory."""
+WHIP = ("cable", "task", "tuning/tips")
+"""Strikes with a whip, which MuJoCo plays."""
 ROBOT = ("rigs/arm", "rigs/driver", "rigs/path", "rigs/ur")
 SIGHT = ("camera", "vision", "rigs/virtual")
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.result import Table, code_key
+from benchmarks.result import WHIP, Table, code_key
 from benchmarks.whip_world import (
     DT,
     HIGH,
@@ -37,8 +37,6 @@ from cablecast.tuning.tips import TipBelief, TipPosterior, TipSwing, air_cable, 
 
 Array = NDArray[np.float64]
 
-CODE = ("cable", "tuning/tips", "task")
-"""What the results depend on."""
 HIT = 0.03
 """Distance within which the published target is struck [m]."""
 BUDGET = 600
@@ -103,7 +101,7 @@ class Point:
         return self.tip[before] + (place - before) * (self.tip[before + 1] - self.tip[before])
 
 
-class _Done(Exception):
+class _OverError(Exception):
     """A search is over: the target is struck, or the budget used up."""
 
 
@@ -111,9 +109,9 @@ class Search:
     """A search for a move that strikes a target.
 
     First moves are those of many draws whose hand passes the direction of the target and stops
-    beyond; they cost no simulation. The best of them are refined by steps of Gauss and Newton within
-    a radius of trust, over the offset of the closest point across the path. Draws about the best
-    move follow, whose covariance adapts to those that were better.
+    beyond: the draws cost no simulation. The best of them are refined by steps of Gauss and Newton
+    within a radius of trust, over the offset of the closest point across the path. Draws about the
+    best move follow, whose covariance adapts to those that were better.
 
     Args:
         play: Returns the path of the tip of a move [m], shape [step, 3].
@@ -146,7 +144,7 @@ class Search:
             for point in first[:START_COUNT]:
                 self.step(point)
             self.draw()
-        except _Done:
+        except _OverError:
             pass
         assert self.best is not None
         return self.best
@@ -162,7 +160,7 @@ class Search:
         if self.best is None or point.miss < self.best.miss:
             self.best = point
         if self.best.miss <= self.within or self.count >= self.budget:
-            raise _Done
+            raise _OverError
         return point
 
     def spread(self) -> Array:
@@ -356,12 +354,10 @@ def corrected(model: World, seen: Sequence[TipSwing]) -> Callable[[Array], Array
 
 def main(args: Args) -> Iterator[Table]:
     """Strike the targets, and yield a table of searches and one of tries with an unknown whip."""
-    parts = Parts(args.out / code_key(CODE), fingerprint({"seed": args.seed, "tries": args.tries}))
+    parts = Parts(args.out / code_key(WHIP), fingerprint({"seed": args.seed, "tries": args.tries}))
     rows = []
     for number in args.targets:
-        found = parts.get_or_make(
-            f"search-{number}", functools.partial(search, number, args.seed)
-        )
+        found = parts.get_or_make(f"search-{number}", functools.partial(search, number, args.seed))
         print(number, found, file=sys.stderr, flush=True)
         rows.append((number, *TARGETS[number - 1], 100.0 * found["miss"], found["count"]))
     columns = ("target", "x [m]", "y [m]", "z [m]", "closest approach [cm]", "simulations")

@@ -7,10 +7,10 @@ import pytest
 from tests.stick_moves import MOVES
 
 from cablecast.aiming.strike import StrikeAim, StrikePrior
-from cablecast.engines.swing import SwingModel
+from cablecast.engines.swing import SAMPLE_DT, SwingModel
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import TargetError
-from cablecast.task import closest
+from cablecast.task import STRIKE, Arrival, closest
 from cablecast.tuning.tips import TipBelief, air_cable
 
 COARSE = EngineWarp(segment_count=14, dt=1e-3, table=False, thread_count=1)
@@ -25,6 +25,8 @@ BELIEF = TipBelief(
 )
 # First tries miss by 4 cm, second ones by one or two, later ones by millimetres.
 FIRST, SECOND, LAST = 0.03, 0.03, 0.01
+# Distance that counts as a strike from a direction in the published task.
+ARRIVAL_WITHIN = 0.05
 
 
 @pytest.fixture(scope="module")
@@ -92,3 +94,28 @@ def test_a_loss_counts_beside_the_distance(prior, goals):
     unit = aim.propose()
     tip = swing(unit)
     assert aim.observe(unit, tip) == pytest.approx(0.25 + float(closest(tip, goals[0])[0]))
+
+
+def test_a_known_cable_strikes_a_goal_from_a_direction_at_the_first_try():
+    known = TipBelief(cable=ROPE, deviations=(1.0,) * 5)
+    prior = StrikePrior.simulate(MODEL, known, checked=False, move_count=128, cable_count=1)
+    hidden = MODEL.play(MODEL.motion([0.45, 0.35, 0.75]), ROPE).tip[0]
+    asked = Arrival(
+        goal=tuple(hidden[80].tolist()),
+        direction=tuple((hidden[81] - hidden[79]).tolist()),
+        dt=SAMPLE_DT,
+    )
+    aim = StrikeAim(prior, asked.goal, cable=ROPE, loss=asked)
+    swings = MODEL.play(MODEL.motion(aim.propose()), ROPE, nodes=True)
+    tip = swings.tip[0][: swings.contacts(np.array([0]))[0]]
+    assert closest(tip, asked.goal)[0] <= ARRIVAL_WITHIN
+    assert np.linalg.norm(STRIKE.arrival(tip, asked.goal, SAMPLE_DT)) >= asked.least_speed
+    assert asked(tip) == 0.0
+
+
+def test_cables_that_cannot_strike_a_goal_do_not_decide_the_first_try():
+    # The first cable strikes the goal with the first move, the second one with none.
+    misses = np.array([[0.0, 0.2], [1.0, 0.5]])
+    tips = misses[:, :, None, None] * [1.0, 0.0, 0.0] + np.zeros((2, 2, 3, 3))
+    prior = StrikePrior(model=MODEL, belief=BELIEF, units=np.zeros((2, 3)), tips=tips)
+    np.testing.assert_allclose(prior.misses([0.0, 0.0, 0.0]), misses[0], atol=1e-5)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.special import ndtr
 from tests.stick_moves import MOVES
 
 from cablecast.engines.swing import SwingModel
@@ -72,3 +73,12 @@ def test_the_nearest_point_of_a_path_lies_on_its_pieces():
     points, steps = nearest(path, np.array([[0.3, 1.0, 0.0], [2.0, 0.0, 0.0]]))
     np.testing.assert_allclose(points, [[0.3, 0.0, 0.0], [1.0, 0.0, 0.0]])
     np.testing.assert_array_equal(steps, [0, 0])
+
+
+def test_draws_reach_the_ends_of_what_is_believed_of_each_number():
+    count = 16
+    points = BELIEF.draw(count, np.random.default_rng(0))[1:]
+    # One draw in each sixteenth of probability; the first is the most likely cable instead.
+    for number in points.T:
+        shares = np.unique(np.floor(count * ndtr(number)))
+        assert len(shares) == count - 1

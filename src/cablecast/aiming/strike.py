@@ -25,6 +25,9 @@ MOVE_COUNT, CABLE_COUNT = 512, 16
 """Moves and believed cables of which the first try is chosen."""
 OUT_OF_REACH = 0.3
 """Distance of a goal from all that believed cables pass beyond which no cable strikes it [m]."""
+ABLE = 0.1
+"""Distance by which all moves of a believed cable miss a goal at which it barely counts [m]: some
+move is to strike the goal."""
 LIKELY_COUNT = 6
 """Cables drawn from a posterior, over which the miss of a move is averaged."""
 REFIT = 0.03
@@ -116,7 +119,7 @@ class StrikePrior:
         return cls(model=model, belief=belief, units=units, tips=np.stack(tips), checked=checked)
 
     def misses(self, goal: ArrayLike) -> Array:
-        """Return the mean miss of each move [m], shape [move].
+        """Return the mean miss of each move over cables that can strike a goal [m], shape [move].
 
         Raises:
             TargetError: No move of any of the cables comes near the goal.
@@ -131,7 +134,9 @@ class StrikePrior:
                 f"target ({asked}) m cannot be struck: the nearest point that a swing passes is "
                 f"({near}) m, {found.min():.2f} m away"
             )
-        return np.asarray(found.mean(axis=0), dtype=float)
+        square = found.min(axis=1) ** 2
+        able = np.exp(-0.5 * (square - square.min()) / ABLE**2)
+        return np.asarray(np.average(found, axis=0, weights=able), dtype=float)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,6 +161,7 @@ class StrikeAim:
         prior: Arm, engine, and what is believed of the cable.
         goal: Point to strike [m], shape [3].
         within: Distance at which a try has hit [m].
+        cable: Cable, where it is known and is that of the prior: no try is needed before a search.
         loss: What else counts of a path of the tip until its first contact, [step, 3]: an addition
             to its miss [m], such as for the direction of arrival.
         corrects: Whether errors of the engine in tries are added to its paths.
@@ -173,6 +179,7 @@ class StrikeAim:
         goal: ArrayLike,
         *,
         within: float = 5e-3,
+        cable: Cable | None = None,
         loss: Callable[[Array], float] | None = None,
         corrects: bool = True,
         fits: bool = True,
@@ -181,7 +188,7 @@ class StrikeAim:
     ):
         self.prior, self.model = prior, prior.model
         self.goal = np.asarray(goal, dtype=float)
-        self.loss = loss
+        self.loss, self.cable = loss, cable
         self.within, self.corrects, self.fits = within, corrects, fits
         self.timed = timed
         self.tries: list[StrikeTry] = []
@@ -190,16 +197,22 @@ class StrikeAim:
         self._first = prior.misses(self.goal)
         self._rng = np.random.default_rng([seed, *(np.round(1e3 * self.goal).astype(int) % 2**31)])
         self._pool: Array | None = None
+        if cable is not None:
+            self._pool = prior.units[np.argsort(self._first)[:CHECKED]]
 
     def propose(self) -> Array:
         """Return the next move in unit coordinates, shape [parameter]."""
         if not self.tries:
+            if self.cable is not None:
+                return self._search()
             self.expected = float(self._first.min())
             return self.prior.units[np.argmin(self._first)]
         best = min(self.tries, key=lambda one: one.miss)
         if best.miss <= self.within:
             self.expected = best.miss
             return best.unit
+        if self.cable is not None:
+            return self._search()
         if not self.fits:
             return self._search_prior()
         if self.posterior is None or best.miss > REFIT or not self.corrects:
@@ -256,10 +269,14 @@ class StrikeAim:
 
     def _search(self) -> Array:
         """Return the move with the least mean miss, as the engine tells it with likely cables."""
-        assert self.posterior is not None
-        likely = self.posterior.draw(LIKELY_COUNT, self._rng)
-        best, duration = likely[0], self.model.duration
-        near = min(self.tries, key=lambda one: one.miss).unit[None]
+        if self.cable is not None:
+            likely = [self.cable]
+        else:
+            assert self.posterior is not None
+            likely = self.posterior.draw(LIKELY_COUNT, self._rng)
+        best, duration, size = likely[0], self.model.duration, self.prior.units.shape[1]
+        tried = sorted(self.tries, key=lambda one: one.miss)[:1]
+        near = np.array([one.unit for one in tried]).reshape(-1, size)
         if self._pool is None:
             units, motion = self.prior.units, self.prior.motion
         else:
@@ -290,15 +307,15 @@ class StrikeAim:
             float(steps[order].max()) + LATER_STEPS, self.model.duration / SAMPLE_DT
         )
         # All likely cables in one batch, cable by cable.
-        cable, move = np.divmod(np.arange(LIKELY_COUNT * len(finalists)), len(finalists))
+        cable, move = np.divmod(np.arange(len(likely) * len(finalists)), len(finalists))
         found = self._misses(
             finalists[move],
             self.model.motion(finalists, duration).rows(move),
             [likely[number] for number in cable],
             np.repeat(self._residuals(likely), len(finalists), axis=0),
-            MARGIN * cable / LIKELY_COUNT,
+            MARGIN * cable / len(likely),
         )[0]
-        means = np.minimum(found, MISS_MAX).reshape(LIKELY_COUNT, -1).mean(axis=0)
+        means = np.minimum(found, MISS_MAX).reshape(len(likely), -1).mean(axis=0)
         self.expected = float(means.min())
         return finalists[np.argmin(means)]
 
@@ -312,8 +329,8 @@ class StrikeAim:
     ) -> tuple[Array, Array]:
         """Return the miss of moves [m], and the step of the closest point, both [move].
 
-        Contacts are looked for in the most promising ones; others count as lost. With a margin [m],
-        shape [move], by which cables are thicker, all that counts of a path does.
+        Contacts are looked for in those nearest to the goal; others count as lost. With a margin
+        [m], shape [move], cables are thicker by it.
         """
         swings = self.model.play(motion, cables, nodes=True)
         tips = self._corrected(units, swings.tip, residuals)
@@ -326,7 +343,7 @@ class StrikeAim:
         cut[np.arange(cut.shape[1]) >= first[:, None]] = np.nan
         misses[kept], steps[kept] = closest(cut, self.goal)
         misses += self._doubt(units)
-        if margin is not None and self.loss is not None:
+        if self.loss is not None:
             extra = [
                 self.loss(tip[:end]) for tip, end in zip(cut, np.maximum(first, 2), strict=True)
             ]
@@ -346,6 +363,8 @@ class StrikeAim:
 
         It is NaN from where the tip was not seen any more.
         """
+        if not self.tries:
+            return np.zeros((len(cables), 0, 1, 3))
         motion = self.model.motion(np.array([one.unit for one in self.tries]))
         cable, row = np.divmod(np.arange(len(cables) * len(self.tries)), len(self.tries))
         simulated = self.model.play(motion.rows(row), [cables[k] for k in cable]).tip
@@ -364,7 +383,7 @@ class StrikeAim:
 
     def _weights(self, units: Array) -> tuple[Array, Array]:
         """Return weights of the errors of tries, and likeness of moves to them, [move, try]."""
-        tried = np.array([one.unit for one in self.tries])
+        tried = np.array([one.unit for one in self.tries]).reshape(-1, units.shape[1])
         own, cross = (
             np.exp(-0.5 * np.sum((some[:, None] - tried) ** 2, axis=-1) / NEAR**2)
             for some in (tried, units)

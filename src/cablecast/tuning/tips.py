@@ -121,8 +121,14 @@ class TipBelief:
         return made
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
-        """Return draws of what is believed, the most likely one first, shape [draw, 5]."""
-        points = rng.normal(size=(count, len(self.deviations)))
+        """Return draws of what is believed, the most likely one first, shape [draw, 5].
+
+        They are spread evenly over the probability of each number: a few reach its ends, too.
+        """
+        from scipy.special import ndtri
+        from scipy.stats import qmc
+
+        points = ndtri(qmc.LatinHypercube(len(self.deviations), rng=rng).random(count))
         points = np.clip(points, -MOST_DEVIATIONS, MOST_DEVIATIONS)
         points[0] = 0.0
         return points
