@@ -124,7 +124,7 @@ class Search:
     def __init__(
         self,
         play: Callable[[Array], Array],
-        target: Sequence[float],
+        target: Sequence[float] | Array,
         seed: int,
         *,
         budget: int = BUDGET,

@@ -202,7 +202,7 @@ class World:
         """
         unit = np.asarray(unit, dtype=float)
         duration = float(durations(unit[None])[0]) if duration is None else duration
-        times = self.dt * np.arange(round(duration / self.dt) + 1)
+        times = self.dt * np.arange(round(duration / self.dt) + 1, dtype=float)
         q, qd = (rows[0] for rows in postures(unit[None], times))
         control = (q + DAMPING_TIME * qd) @ self.vectors
         mujoco, model, data = self._mujoco, self.model, self.data
