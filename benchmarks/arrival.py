@@ -133,7 +133,8 @@ def main(args: Args) -> Iterator[Table]:
     """Strike the goals of each rope, and yield a table of how many arrived as asked."""
     world = dataclasses.replace(model(), duration=DURATION)
     settings = {"seed": args.seed, "searches": args.searches, "ropes": repr(ROPES)}
-    parts = Parts(args.out / code_key(AIR), fingerprint(settings))
+    folder = args.out / code_key(AIR) / f"seed-{args.seed}-searches-{args.searches}"
+    parts = Parts(folder, fingerprint(settings))
     rows, everything = [], []
     for name, rope in ROPES.items():
         found = []

@@ -354,7 +354,8 @@ def corrected(model: World, seen: Sequence[TipSwing]) -> Callable[[Array], Array
 
 def main(args: Args) -> Iterator[Table]:
     """Strike the targets, and yield a table of searches and one of tries with an unknown whip."""
-    parts = Parts(args.out / code_key(WHIP), fingerprint({"seed": args.seed, "tries": args.tries}))
+    folder = args.out / code_key(WHIP) / f"seed-{args.seed}-tries-{args.tries}"
+    parts = Parts(folder, fingerprint({"seed": args.seed, "tries": args.tries}))
     rows = []
     for number in args.targets:
         found = parts.get_or_make(f"search-{number}", functools.partial(search, number, args.seed))

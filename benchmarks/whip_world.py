@@ -184,9 +184,9 @@ class World:
 
     def __init__(self, whip: Whip, dt: float = DT):
         import mujoco
-        import mujoco.rollout
+        from mujoco import rollout
 
-        self._mujoco = mujoco
+        self._mujoco, self._rollout = mujoco, rollout
         self.whip, self.dt = whip, dt
         self.model = _model(whip, dt)
         self.data = mujoco.MjData(self.model)
@@ -211,9 +211,7 @@ class World:
         data.qpos[4:6] = self._downwards(q[0])
         state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
         mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        _, tip = mujoco.rollout.rollout(
-            model, data, initial_state=state[None], control=control[None]
-        )
+        _, tip = self._rollout.rollout(model, data, state[None], control[None])
         return tip[0]
 
     def _downwards(self, q: Array) -> Array:

@@ -8,7 +8,7 @@ from cablecast.engines.swing import SAMPLE_DT
 from cablecast.task import Arrival
 
 # Ten samples along x at 2 m/s.
-TIP = np.arange(10)[:, None] * [2.0 * SAMPLE_DT, 0.0, 0.0]
+TIP = np.arange(10.0)[:, None] * [2.0 * SAMPLE_DT, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(

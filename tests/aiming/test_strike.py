@@ -97,7 +97,7 @@ def test_a_loss_counts_beside_the_distance(prior, goals):
 
 
 def test_a_known_cable_strikes_a_goal_from_a_direction_at_the_first_try():
-    known = TipBelief(cable=ROPE, deviations=(1.0,) * 5)
+    known = TipBelief(cable=ROPE, deviations=(1.0, 1.0, 1.0, 1.0, 1.0))
     prior = StrikePrior.simulate(MODEL, known, checked=False, move_count=128, cable_count=1)
     hidden = MODEL.play(MODEL.motion([0.45, 0.35, 0.75]), ROPE).tip[0]
     asked = Arrival(
@@ -116,6 +116,7 @@ def test_a_known_cable_strikes_a_goal_from_a_direction_at_the_first_try():
 def test_cables_that_cannot_strike_a_goal_do_not_decide_the_first_try():
     # The first cable strikes the goal with the first move, the second one with none.
     misses = np.array([[0.0, 0.2], [1.0, 0.5]])
-    tips = misses[:, :, None, None] * [1.0, 0.0, 0.0] + np.zeros((2, 2, 3, 3))
+    tips = np.zeros((2, 2, 3, 3), dtype=np.float32)
+    tips[..., 0] = misses[:, :, None]
     prior = StrikePrior(model=MODEL, belief=BELIEF, units=np.zeros((2, 3)), tips=tips)
     np.testing.assert_allclose(prior.misses([0.0, 0.0, 0.0]), misses[0], atol=1e-5)
