@@ -158,7 +158,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "convergence-attachments": ("convergence --attachments --count 40", 0.1),
     "convergence": ("convergence", 0.15),
     "stability": ("stability", 0.25),
-    "mocap": ("mocap --data DIR", 1.0),
+    "mocap": ("mocap --data DIR --sets 1", 0.2),
     "light": ("light", 0.5),
     "irp": ("irp --goals 12", 0.7),
     "irp-rows": ("irp --rows image noise fit prior impulse --goals 1 --tries 6", 0.3),

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 import cablecast as cc
 from benchmarks.common import has
 from benchmarks.result import Table
-from cablecast.cable import Cable
+from cablecast.cable import Cable, CableParams
 from cablecast.cli.progress import console_progress
 from cablecast.data.dataset import Dataset
 from cablecast.engines import make_engine
@@ -521,7 +521,7 @@ def main(args: Args) -> Iterator[Table]:
         casts, tuned = fitted_cable(name, args)
         folder = args.out / "models"
         export_cable(tuned, folder)
-        cable, tracks = casts.cable, MeasuredTracks.from_dataset(casts, count=args.played)
+        cable, tracks = casts.cable, MeasuredTracks.from_dataset(casts)[: args.played]
         engine = make_engine("warp")
         start = time.process_time()
         found = TrackObjective(engine, cable, tracks).distances(tuned.params)
@@ -567,8 +567,20 @@ class LawArgs:
     out: pathlib.Path = pathlib.Path("runs/benchmarks/replay")
 
 
+SLIDING = "sliding friction alone"
+FINE_DT, HARD_TIME = 5e-4, 1e-3
+"""Step and time constant of contacts [s] with which the chain slides once more."""
+
+
+def hardened(xml: str) -> str:
+    """Return a chain whose contacts push it out of the table within `HARD_TIME`."""
+    return xml.replace(
+        f'solref="{mujoco_.CONTACT_TIME} 1" solimp', f'solref="{HARD_TIME} 1" solimp'
+    )
+
+
 ADDED: dict[str, tuple[str, ...]] = {
-    "sliding friction alone": (),
+    SLIDING: (),
     "grain of the friction": ("friction_ratio",),
     "bends that stay": ("yield_curvature",),
     "length of the attachment": ("attachment_arm",),
@@ -581,7 +593,7 @@ ADDED: dict[str, tuple[str, ...]] = {
 def laws(args: LawArgs) -> Iterator[Table]:
     """Yield the distance of the chain from EngineWarp with the same physics, by the effect."""
     casts, tuned = fitted_cable(args.cable, args)
-    tracks = MeasuredTracks.from_dataset(casts, count=args.played)
+    tracks, cable = MeasuredTracks.from_dataset(casts)[: args.played], tuned.setup.cable
     samples = int((tracks.times[0] <= LAW_TIME).sum())
     short = dataclasses.replace(
         tracks, times=tracks.times[:, :samples], endpoint_xy=tracks.endpoint_xy[:, :samples]
@@ -593,17 +605,29 @@ def laws(args: LawArgs) -> Iterator[Table]:
         values = {parameter: getattr(tuned.params, parameter) for parameter in added}
         cases[name] = dataclasses.replace(bare, **values)
     cases["rolling"] = dataclasses.replace(bare, rolling_friction=0.0)
-    rows = []
-    for name, params in cases.items():
-        cable = tuned.setup.cable.with_params(params)
-        model = CableModel(cable=cable, segment_count=COARSE)
-        chain = ReplayChain(mujoco_.chain_xml(model, rolls=name == "rolling"))
-        tips = [
-            TrackObjective(engine, cable, short).tracks_of(params)[0][0, :, :-1]
-            for engine in (chain, make_engine("warp", COARSE))
-        ]
-        apart = 100 * np.linalg.norm(tips[0] - tips[1], axis=-1)[:, -1] / cable.length
+    rows: list[tuple] = []
+
+    def tips(engine: Any, params: CableParams) -> Array:
+        return TrackObjective(engine, cable, short).tracks_of(params)[0][0, :, :-1]
+
+    def compare(name: str, *pair: Array) -> None:
+        apart = 100 * np.linalg.norm(pair[0] - pair[1], axis=-1)[:, -1] / cable.length
         rows.append((name, float(np.median(apart)), float(apart.max())))
         print(*rows[-1], file=sys.stderr, flush=True)
+
+    for name, params in cases.items():
+        model = CableModel(cable=cable.with_params(params), segment_count=COARSE)
+        xml = mujoco_.chain_xml(model, rolls=name == "rolling")
+        own = tips(make_engine("warp", COARSE), params)
+        compare(name, tips(ReplayChain(xml), params), own)
+        if name != SLIDING:
+            continue
+        for words, changed in (
+            (f"{name}, steps of {1e3 * FINE_DT:g} ms", xml),
+            (f"{name}, these steps, contacts of {1e3 * HARD_TIME:g} ms", hardened(xml)),
+        ):
+            compare(words, tips(ReplayChain(changed, FINE_DT), params), own)
+        fine = tips(make_engine("warp", 4 * COARSE), params)
+        compare(f"{name}, EngineWarp with {4 * COARSE} segments in place of the chain", fine, own)
     title = f"The chain from EngineWarp after {LAW_TIME:g} s, {COARSE} segments in both"
     yield Table(title, LAW_COLUMNS, rows)

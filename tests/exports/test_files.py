@@ -16,6 +16,7 @@ from cablecast.exports.facts import LAWS, CableModel
 from cablecast.exports.mujoco_ import chain_xml, flex_xml
 from cablecast.pipeline.export import export_cable
 from cablecast.runs.places import TUNE_FOLDER, cable_folder
+from cablecast.tuning.space import ParamPosterior
 from cablecast.tuning.tuned import Tuned, write_params
 
 FILES = ("chain.xml", "flex.xml", "urdf", "pybullet.py", "newton.py", "elastica.py")
@@ -45,6 +46,20 @@ def test_a_file_states_each_parameter_with_its_interval_unit_and_law():
         )
         assert "SI units" in text
         assert "leaves out or changes" in text
+
+
+def test_the_interval_of_a_value_at_the_end_of_its_range_reaches_there():
+    cable = load_cable("cable_1")
+    believed = ParamPosterior.before_casts(cable)
+    for end in (0.0, 1.0):
+        mean = believed.mean.copy()
+        row = believed.space.names.index("rolling_friction")
+        mean[row] = end
+        posterior = dataclasses.replace(believed, mean=mean)
+        low, high = CableModel(cable=cable, posterior=posterior).intervals()["rolling_friction"]
+        value = float(posterior.params.rolling_friction)
+        assert value == pytest.approx((low, high)[round(end)])
+        assert low < high
 
 
 def test_a_file_says_what_its_simulator_leaves_out():

@@ -106,7 +106,10 @@ class Track:
         if config.finds_grip:
             table = out / CASTS_FILE
             count = join_casts(folders, table)
-            print(f"{count} casts are in {table}: cablecast import {table}")
+            known = {"setup": self.setup, "cable": self.cable}
+            more = "".join(f" --{name} {value}" for name, value in known.items() if value)
+            print(f"{count} casts are in {table}; take them in with")
+            print(f"  cablecast import {table}{more}")
 
 
 def _print_result(metrics: dict[str, Any], out: pathlib.Path) -> None:

@@ -83,12 +83,15 @@ class CableModel:
         draws = self.posterior.draw(DRAW_COUNT)
         columns = {name: getattr(draws, name) for name in self.posterior.space.names}
         columns |= _derived(draws)
-        tail = 0.5 * (100.0 - INTERVAL_PCT)
-        found = {
-            name: (float(low), float(high))
-            for name, values in columns.items()
-            for low, high in [np.percentile(values, (tail, 100.0 - tail))]
-        }
+        outside = 100.0 - INTERVAL_PCT
+        # Of a parameter at the end of its range all that is left out is on the other side.
+        means = dict(zip(self.posterior.space.names, self.posterior.mean, strict=True))
+        below = {name: outside * round(means[name]) for name in self.posterior.at_bound}
+        found = {}
+        for name, values in columns.items():
+            tail = below.get(name, 0.5 * outside)
+            low, high = np.percentile(values, (tail, tail + INTERVAL_PCT))
+            found[name] = (float(low), float(high))
         # Draws follow the product of the two factors along a straight line, far from which it is
         # another one: near the best point it is linear.
         half = NormalDist().inv_cdf(0.5 + INTERVAL_PCT / 200.0) * self._friction_deviation()
