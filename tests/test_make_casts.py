@@ -2,6 +2,8 @@
 
 import csv
 import json
+import pathlib
+import re
 import sys
 
 import numpy as np
@@ -10,6 +12,10 @@ import pytest
 from tools import make_casts
 
 from cablecast.data.dataset import read_dataset
+
+ROOT = pathlib.Path(__file__).parents[1]
+# What the repository has room for [B].
+SAMPLE_SIZE_MAX = 2_000_000
 
 
 @pytest.mark.slow
@@ -52,3 +58,16 @@ def test_one_command_makes_casts_of_each_kind_with_card_and_licence(tmp_path, mo
     with pytest.raises(SystemExit):
         make_casts.main()
     assert "give a new folder" in capsys.readouterr().err
+
+
+def test_the_sample_is_small_and_tells_what_the_page_says(monkeypatch, capsys):
+    sample = ROOT / "examples" / "casts"
+    files = [file for file in sample.rglob("*") if file.is_file()]
+    assert sum(file.stat().st_size for file in files) < SAMPLE_SIZE_MAX
+    page = (ROOT / "docs" / "data.md").read_text()
+    code, told = re.search(
+        r"```python\n([^`]*casts\.csv[^`]*)```\n\n```text\n([^`]*)```", page
+    ).groups()
+    monkeypatch.chdir(ROOT)
+    exec(compile(code, "data.md", "exec"), {})
+    assert capsys.readouterr().out == told

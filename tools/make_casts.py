@@ -25,14 +25,15 @@ from cablecast.cli.progress import console_progress
 from cablecast.data.dataset import Dataset
 from cablecast.data.lerobot import Episode, episodes_of, write_tables
 from cablecast.files import read_text, write_text
-from cablecast.motion.families import MOTIONS
+from cablecast.motion.casting import Action
+from cablecast.motion.polar import PolarCast
 from cablecast.runs.progress import ProgressCallback
 
 ROOT = pathlib.Path(__file__).parents[1]
 FPS = 10
 CALM, WILD = (0.2, 0.6), (1.0, 1.0)
 """Ranges of the pace of other casts [-]."""
-MOTION_NAMES = tuple(name for kind in MOTIONS for name in kind.parameters)
+MOTION_NAMES = (*Action.parameters, *PolarCast.parameters)
 COLUMNS = (
     *("episode", "cable", "length_m", "diameter_m", "laboratory", "purpose", "target_x_m"),
     *("target_y_m", "try", *MOTION_NAMES, "status", "landing_x_m", "landing_y_m"),
