@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cablecast.cast import EndpointTrack
 from cablecast.errors import RigError
-from cablecast.motion.straight_move import JointMoves
+from cablecast.motion.joint_move import JointMoves
 from cablecast.rigs.arm import APPROACH_SPEED, RigArm
 from cablecast.rigs.driver import RigPhase
 from cablecast.rigs.path import JointCurve, straight_move
