@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -40,14 +41,18 @@ COMMAND = (
 )
 
 
+def quicken(patch):
+    """Let the command line fit and simulate as quickly, too, and take every fit for a close one."""
+    patch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: QUICK)
+    patch.setattr("cablecast.aiming.propose._SIMULATED_COUNT", 8)
+    patch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
+    patch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 30)
+    patch.setattr("cablecast.aiming.session.TYPICAL_DISTANCES", (0.012, 1.0))
+
+
 @pytest.fixture(autouse=True)
 def quick(blank_figures, monkeypatch):
-    """Let the command line fit and simulate as quickly, too, and take every fit for a close one."""
-    monkeypatch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: QUICK)
-    monkeypatch.setattr("cablecast.aiming.propose._SIMULATED_COUNT", 8)
-    monkeypatch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
-    monkeypatch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 30)
-    monkeypatch.setattr("cablecast.aiming.session.TYPICAL_DISTANCES", (0.012, 1.0))
+    quicken(monkeypatch)
 
 
 def prepare(rig, *, out=None, progress=ignore, fit_all=False, casts=None, tuned=None, **changes):
@@ -57,21 +62,41 @@ def prepare(rig, *, out=None, progress=ignore, fit_all=False, casts=None, tuned=
     return cc.prepare_aim(rig, config, simulators=QUICK, progress=progress, **options)
 
 
-@pytest.fixture
-def rig():
+def opened_rig():
     # A cable that is not as it is believed to be.
     params = dataclasses.replace(SETUP.cable.params, bend_stiffness=2e-3, lateral_friction=0.4)
-    own = RigEngine(cc.EngineWarp(**COARSE), SETUP, params)
-    with cc.make_rig(own, SETUP) as opened:
+    return cc.make_rig(RigEngine(cc.EngineWarp(**COARSE), SETUP, params), SETUP)
+
+
+@pytest.fixture
+def rig():
+    with opened_rig() as opened:
         yield opened
 
 
-def test_all_casts_go_into_a_new_fit_and_the_session_goes_on_with_it(rig, tmp_path):
-    first = prepare(rig, out=tmp_path, tries=1)
+@pytest.fixture(scope="module")
+def first_casts(tmp_path_factory, leave_figures_blank):
+    """Return the folder of a session that has made its first casts, and was fitted to them."""
+    folder = tmp_path_factory.mktemp("first_casts")
+    with pytest.MonkeyPatch.context() as patch, opened_rig() as opened:
+        quicken(patch)
+        leave_figures_blank(patch)
+        prepare(opened, out=folder, tries=1)
+    return folder
+
+
+@pytest.fixture
+def begun(first_casts, tmp_path):
+    """Return a copy of that folder."""
+    return shutil.copytree(first_casts, tmp_path / "begun")
+
+
+def test_all_casts_go_into_a_new_fit_and_the_session_goes_on_with_it(rig, begun):
+    first = prepare(rig, out=begun, tries=1)
     assert first.fitted_count == 3
     cc.aim(first, rig, TARGETS)
-    again = prepare(rig, out=tmp_path, tries=1, fit_all=True)
-    folder = tmp_path / "fits" / "00005-00000"
+    again = prepare(rig, out=begun, tries=1, fit_all=True)
+    folder = begun / "fits" / "00005-00000"
     tuned = json.loads((folder / "tune" / "config.json").read_text())["settings"]
     assert (tuned["training_count"], tuned["validation_count"]) == (5, 0)
     assert again.model.policy.model.fingerprint != first.model.policy.model.fingerprint
@@ -83,7 +108,7 @@ def test_all_casts_go_into_a_new_fit_and_the_session_goes_on_with_it(rig, tmp_pa
 
     cc.aim(again, rig, [[0.4, 1.0]])
     notes = []
-    later = prepare(rig, out=tmp_path, tries=1, progress=lambda state: notes.append(state.note))
+    later = prepare(rig, out=begun, tries=1, progress=lambda state: notes.append(state.note))
     assert notes.count(DONE_NOTE) == 3
     assert later.model.policy.model.fingerprint == again.model.policy.model.fingerprint
     assert (later.fitted_count, len(later.casts)) == (5, 6)
@@ -173,23 +198,23 @@ def test_a_new_fit_needs_casts_and_a_folder(rig, tmp_path):
         prepare(rig, fit_all=True)
 
 
-def test_casts_of_another_rig_are_not_taken_for_those_of_this_one(rig, tmp_path):
-    prepare(rig, out=tmp_path)
+def test_casts_of_another_rig_are_not_taken_for_those_of_this_one(rig, begun):
+    prepare(rig, out=begun)
     other = RigEngine(cc.EngineWarp(**COARSE), SETUP, SETUP.cable.params)
     with cc.make_rig(other, SETUP) as opened, pytest.raises(InputError) as refused:
-        prepare(opened, out=tmp_path)
+        prepare(opened, out=begun)
     assert "holds casts of another rig: rig.params.bend_stiffness is 0.002 there" in str(
         refused.value
     )
-    prepare(rig, out=tmp_path)
+    prepare(rig, out=begun)
 
 
-def test_a_fit_to_casts_that_are_gone_is_refused(rig, tmp_path):
-    prepare(rig, out=tmp_path, tries=1)
-    prepare(rig, out=tmp_path, tries=1, fit_all=True)
-    sorted((tmp_path / "session" / "casts").iterdir())[-1].unlink()
+def test_a_fit_to_casts_that_are_gone_is_refused(rig, begun):
+    prepare(rig, out=begun, tries=1)
+    prepare(rig, out=begun, tries=1, fit_all=True)
+    sorted((begun / "session" / "casts").iterdir())[-1].unlink()
     with pytest.raises(InputError, match="a fit to 3 casts, but the session has 2"):
-        prepare(rig, out=tmp_path)
+        prepare(rig, out=begun)
 
 
 def test_a_command_without_a_target_is_refused(capsys):
@@ -243,17 +268,17 @@ def test_a_new_fit_that_was_stopped_goes_on_and_targets_keep_their_tries(rig, tm
     assert again.fitted_count == 6
 
 
-def test_after_an_undo_the_casts_that_are_left_are_fitted_anew(rig, tmp_path):
-    session = prepare(rig, out=tmp_path, tries=1)
+def test_after_an_undo_the_casts_that_are_left_are_fitted_anew(rig, begun):
+    session = prepare(rig, out=begun, tries=1)
     cc.aim(session, rig, TARGETS)
     session.refit()
     before = session.model.policy.model.fingerprint
     session.undo()
     session.refit()
     assert session.model.policy.model.fingerprint != before
-    kept = sorted(folder.name for folder in (tmp_path / "fits").iterdir())
+    kept = sorted(folder.name for folder in (begun / "fits").iterdir())
     assert kept == ["00005-00000", "00005-00001"]
-    again = prepare(rig, out=tmp_path, tries=1)
+    again = prepare(rig, out=begun, tries=1)
     assert again.model.policy.model.fingerprint == session.model.policy.model.fingerprint
 
 
@@ -283,14 +308,14 @@ def test_a_session_that_began_without_calibration_goes_on_without(rig, tmp_path,
         assert (session.model.fitted_to is None) == (begins == "nothing")
 
 
-def test_a_fork_is_fitted_anew_without_touching_the_folder(rig, tmp_path):
-    session = prepare(rig, out=tmp_path, tries=1)
+def test_a_fork_is_fitted_anew_without_touching_the_folder(rig, begun):
+    session = prepare(rig, out=begun, tries=1)
     other = session.fork()
     other.cast(rig, other.propose(TARGETS[0]))
     other.refit(ignore)
     assert other.fitted_count == 4
-    assert not (tmp_path / "fits").exists()
-    assert len(prepare(rig, out=tmp_path, tries=1).casts) == len(session.casts) == 3
+    assert not (begun / "fits").exists()
+    assert len(prepare(rig, out=begun, tries=1).casts) == len(session.casts) == 3
 
 
 def test_a_session_of_a_fit_held_in_memory_is_opened_again_without_it(rig, tmp_path):
@@ -308,8 +333,8 @@ def test_a_session_of_a_fit_held_in_memory_is_opened_again_without_it(rig, tmp_p
         prepare(rig, out=tmp_path / "rig.json")
 
 
-def test_what_was_learned_is_not_learned_again(rig, tmp_path, monkeypatch):
-    session = prepare(rig, out=tmp_path, tries=1)
+def test_what_was_learned_is_not_learned_again(rig, begun, monkeypatch):
+    session = prepare(rig, out=begun, tries=1)
     cc.aim(session, rig, TARGETS)
     expected = session.predictor.predict(session.casts[-1].sweep)
 
@@ -319,12 +344,12 @@ def test_what_was_learned_is_not_learned_again(rig, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(cc.EngineWarp, "rollout", refuse)
         patch.setattr("cablecast.data.simulate.feasible_actions", refuse)
-        again = prepare(rig, out=tmp_path, tries=1)
+        again = prepare(rig, out=begun, tries=1)
     for one, other in zip(again.predictor.predict(session.casts[-1].sweep), expected, strict=True):
         np.testing.assert_array_equal(one, other)
-    (tmp_path / "session" / "landings.npz").write_bytes(b"damaged")
+    (begun / "session" / "landings.npz").write_bytes(b"damaged")
     with pytest.warns(UserWarning, match=r"landings\.npz cannot be read, and its landings are sim"):
-        mended = prepare(rig, out=tmp_path, tries=1)
+        mended = prepare(rig, out=begun, tries=1)
     np.testing.assert_allclose(
         mended.predictor.predict(session.casts[-1].sweep)[0], expected[0], rtol=0, atol=1e-6
     )
