@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from cablecast.cli.main import main
 from cablecast.data.store import CastStore
@@ -117,3 +118,18 @@ def test_a_wrong_strike_section_is_refused_in_one_line(lab, capsys, text, said):
 def test_a_landing_can_be_asked_of_a_lab_that_strikes(lab, capsys):
     assert main(["aim", "--task", "landing", "--setup", "lab.yaml", "--target", "9", "0"]) == 2
     assert "out of reach: r must be at most" in capsys.readouterr().err
+
+
+def test_swings_are_filmed_from_the_side_and_the_page_says_that_it_is_of_tables(lab, capsys):
+    main([*AIM, "--target", "1.2", "0.9", "--tries", "1"])
+    film = ["film", "--casts", "out", "--width", "128", "--height", "96", "--fps", "5"]
+    assert main([*film, "--out", "swing.gif"]) == 0
+    assert "1 cast" in capsys.readouterr().out
+    with Image.open(lab / "swing.gif") as picture:
+        assert picture.size == (128, 96)
+        assert picture.n_frames > 5
+    assert main([*film, "--out", "swing.html"]) == 2
+    assert "ends in .mp4 or .gif" in capsys.readouterr().err
+    assert main([*film, "--out", "other.gif", "--select", "7"]) == 2
+    assert main(["view", "--setup", "lab.yaml"]) == 2
+    assert "aim at points in the air with `cablecast aim`" in capsys.readouterr().err

@@ -15,6 +15,7 @@ class Film:
     The ending of --out says the kind: an HTML file holds all that it needs to turn, zoom and play
     the scene in any browser; an MP4 or a GIF shows it from behind the robot. Casts are blue as they
     were seen, the simulator's purple. Takes about ten seconds a cast.
+    Strikes in the air are filmed from the side, as MP4 or GIF.
     """
 
     casts: Annotated[pathlib.Path, argument("DIR")]
@@ -38,21 +39,29 @@ class Film:
         """Read the casts, and write the film."""
         from cablecast.cli.progress import console_progress
         from cablecast.engines.warp_ import EngineWarp
+        from cablecast.errors import check_count
         from cablecast.pipeline.plan import check_writable
         from cablecast.view.film import KINDS, FilmConfig, write_film
         from cablecast.view.look import open_collection
+        from cablecast.view.strike_film import strikes_in, write_strike_film
 
         if self.out.suffix.lower() not in KINDS:
             raise InputError(f"--out {self.out} must end in one of {', '.join(KINDS)}")
         check_writable(self.out, self.force)
         options = picked(self, "width", "height", "speed")
         config = FilmConfig(**options, frames_per_second=self.fps)
-        collection = open_collection(self.casts)
-        engine = EngineWarp()
-        chosen = self.select or (len(collection) - 1,)
-        shots = [collection.shot(index, engine) for index in chosen]
-        with console_progress() as progress:
-            write_film(self.out, collection.setup, shots, config, progress)
+        if strikes := strikes_in(self.casts):
+            count = len(strikes)
+            chosen = [check_count("cast", k, 0, count - 1) for k in self.select or (count - 1,)]
+            with console_progress() as progress:
+                write_strike_film(self.out, [strikes[k] for k in chosen], config, progress)
+        else:
+            collection = open_collection(self.casts)
+            engine = EngineWarp()
+            chosen = self.select or (len(collection) - 1,)
+            shots = [collection.shot(index, engine) for index in chosen]
+            with console_progress() as progress:
+                write_film(self.out, collection.setup, shots, config, progress)
         size = self.out.stat().st_size
-        count = f"{len(shots)} cast{'s' * (len(shots) != 1)}"
+        count = f"{len(chosen)} cast{'s' * (len(chosen) != 1)}"
         print(f"film     {self.out} ({count}, {size / 1e6:.2f} MB)")

@@ -48,12 +48,16 @@ class View(AimConfig):
         # waits: with two, a plan takes twice the processor time.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         from cablecast.cli.options import load_lab, open_rig
-        from cablecast.errors import check_count
+        from cablecast.errors import InputError, check_count
         from cablecast.runs.places import AIM_FOLDER, cable_folder
         from cablecast.view.page import serve
 
         check_count("port", self.port, 1, 65535)
         setup = load_lab(self.setup, self.cable)
+        if setup.strike is not None:
+            raise InputError(
+                "the page is of casts onto a table: aim at points in the air with `cablecast aim`"
+            )
         out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
         meshes = self.arm_meshes or _own_meshes(self.setup, setup)
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:

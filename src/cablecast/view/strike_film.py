@@ -1,0 +1,170 @@
+"""Films of strikes, from the side: the plane of the swing with arm, stick, cable and target."""
+
+import pathlib
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from cablecast.cast import Cast
+from cablecast.data.dataset import StoredSettings
+from cablecast.data.store import CastStore
+from cablecast.errors import DatasetError, InputError, check_count
+from cablecast.files import write_bytes
+from cablecast.motion.joint_move import JointMoves, SwingPlane, swing_shape
+from cablecast.motion.trajectory import joints_at
+from cablecast.pipeline.aim import SESSION_FOLDER
+from cablecast.report.strike_page import place_text
+from cablecast.runs.folder import RunFolder
+from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.setup import Setup
+from cablecast.task import STRIKE
+from cablecast.view.film import REST, FilmConfig, gif_bytes
+from cablecast.view.shapes import ARM, BLUE, GREY, INK, SKY, VERMILLION, WHITE, Array, Color
+from cablecast.vision.video import write_video
+
+_MARGIN = 0.15  # About arm, targets and paths [m].
+_SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
+_DOT = 0.022  # Radius of the tip, and of a target's inner ring [m].
+
+
+def strikes_in(folder: pathlib.Path) -> list[Cast]:
+    """Return the casts of a folder of `aim`, if they are strikes; none otherwise.
+
+    Raises:
+        DatasetError: They are strikes, but none was made yet.
+        DamagedFileError: A file is not what was written.
+    """
+    run = RunFolder.read(folder / SESSION_FOLDER)
+    if run is None or "strike" not in run.config.get("settings", {}):
+        return []
+    setup = StoredSettings(run.config, str(folder)).setup
+    casts = CastStore(setup, run.path, STRIKE).casts
+    if not casts:
+        raise DatasetError(f"{folder} holds no swing yet")
+    return casts
+
+
+def write_strike_film(
+    path: pathlib.Path,
+    casts: Sequence[Cast],
+    config: FilmConfig,
+    progress: ProgressCallback = ignore,
+) -> None:
+    """Write strikes, one after another, as an MP4 or a GIF.
+
+    Raises:
+        InputError: It is to be an HTML file, or there is nothing to film.
+    """
+    check_count("swings to film", len(casts), 1, 200)
+    frames = _frames(casts, config, progress)
+    if path.suffix.lower() == ".gif":
+        write_bytes(path, gif_bytes(frames, config))
+    elif path.suffix.lower() == ".mp4":
+        pictures = (np.asarray(frame)[..., ::-1] for frame in frames)
+        write_video(path, pictures, config.frames_per_second)
+    else:
+        raise InputError("a film of strikes ends in .mp4 or .gif")
+
+
+def _frames(
+    casts: Sequence[Cast], config: FilmConfig, progress: ProgressCallback
+) -> Iterator[Image.Image]:
+    painter = _Painter(casts, config)
+    step = config.speed / config.frames_per_second
+    times = [np.arange(0.0, float(c.track.times[-1]) + config.speed * REST, step) for c in casts]
+    total, done = sum(map(len, times)), 0
+    for cast, instants in zip(casts, times, strict=True):
+        for time in instants.tolist():
+            yield painter.frame(cast, time)
+            done += 1
+            progress(Progress(task="Filming", done=done, total=total, unit="frames"))
+
+
+class _Painter:
+    """Paints the plane of the swing, so large that all of some casts is in it."""
+
+    def __init__(self, casts: Sequence[Cast], config: FilmConfig):
+        self.size = (config.width, config.height)
+        first = casts[0].goal
+        if first is None:
+            raise InputError("only swings that were aimed at a target are filmed")
+        self.setup: Setup = first.setup
+        self.moves = JointMoves.of(self.setup)
+        self.plane = SwingPlane.of(self.moves)
+        arm = self._arm(np.array(self.moves.start))
+        places = [arm.reshape(-1, 2)]
+        for cast in casts:
+            path = self.plane.coordinates(cast.track.path)[:, :2]
+            places += [path[np.isfinite(path[:, 0])], self._goal(cast)[None]]
+        low, high = (extreme(np.concatenate(places), axis=0) for extreme in (np.min, np.max))
+        low, high = low - _MARGIN, high + _MARGIN
+        self._scale = _SAMPLES * float(np.min(np.array(self.size) * [1.0, 0.88] / (high - low)))
+        self._middle = (low + high) / 2.0
+
+    def frame(self, cast: Cast, time: float) -> Image.Image:
+        """Return the picture of a cast at a time [s]; it stays as it was at the end."""
+        width, height = self.size
+        image = Image.new("RGB", (_SAMPLES * width, _SAMPLES * height), WHITE)
+        pen = ImageDraw.Draw(image)
+        track = cast.track
+        joints = track.joint_path or cast.joint_path
+        if joints is not None:
+            q = joints_at(joints, [min(time, float(track.times[-1]))])[0]
+            shape = swing_shape(q, self.moves.arm, self.moves.stick)
+            for ends, radius in zip(self._arm(q), shape.radii, strict=True):
+                self._line(pen, ends, ARM, 2.0 * radius)
+        goal, radius = self._goal(cast), 0.0
+        if cast.goal is not None:
+            radius = cast.goal.within_pct / 100.0 * self.setup.cable.length
+        self._ring(pen, goal, radius, VERMILLION)
+        self._ring(pen, goal, 0.15 * _DOT, VERMILLION)
+        path = self.plane.coordinates(track.path)[:, :2]
+        seen = np.isfinite(path[:, 0])
+        until = seen & (track.times <= time)
+        if until.sum() > 1:
+            self._line(pen, path[until], SKY, 0.008)
+        if track.nodes is not None:
+            step = int(np.clip(np.searchsorted(track.times, time), 0, len(track.times) - 1))
+            self._line(pen, self.plane.coordinates(track.nodes[step])[:, :2], INK, 0.012)
+        if until.any():
+            self._dot(pen, path[until][-1], BLUE)
+        over = time > float(track.times[-1])
+        if over and np.isfinite(cast.outcome).all():
+            self._dot(pen, self.plane.coordinates(cast.outcome)[:2], BLUE if cast.hit else GREY)
+        words = f"{place_text(cast.target_xy, self.plane)}, try {cast.try_number}"
+        if over:
+            miss = cast.miss_pct * self.setup.cable.length
+            words += f": {'hit' if cast.hit else 'missed'}, {miss:.1f} cm off"
+        font = ImageFont.load_default(size=_SAMPLES * max(12, height // 30))
+        pen.text((_SAMPLES * width / 2, _SAMPLES * height * 0.95), words, INK, font, anchor="mm")
+        return image.resize(self.size, Image.Resampling.BOX)
+
+    def _arm(self, q: Array) -> Array:
+        """Return the ends of arm and stick in the plane [m], shape [rod, 2, 2]."""
+        ends = swing_shape(q, self.moves.arm, self.moves.stick).ends
+        return self.plane.coordinates(ends)[..., :2]
+
+    def _goal(self, cast: Cast) -> Array:
+        return self.plane.coordinates(cast.target_xy)[:2]
+
+    def _pixels(self, places: Array) -> Array:
+        middle = _SAMPLES * np.array(self.size) * [0.5, 0.46]
+        return middle + self._scale * (np.asarray(places) - self._middle) * [1.0, -1.0]
+
+    def _line(self, pen: ImageDraw.ImageDraw, places: Array, color: Color, width: float) -> None:
+        points = [tuple(point) for point in self._pixels(places).tolist()]
+        size = max(1, round(self._scale * width))
+        pen.line(points, fill=color, width=size, joint="curve")
+        for x, y in points[:: max(len(points) - 1, 1)]:
+            pen.ellipse([x - size / 2, y - size / 2, x + size / 2, y + size / 2], fill=color)
+
+    def _dot(self, pen: ImageDraw.ImageDraw, place: Array, color: Color) -> None:
+        x, y = self._pixels(place).tolist()
+        size = self._scale * _DOT
+        pen.ellipse([x - size, y - size, x + size, y + size], fill=color)
+
+    def _ring(self, pen: ImageDraw.ImageDraw, place: Array, radius: float, color: Color) -> None:
+        x, y = self._pixels(place).tolist()
+        size = max(self._scale * radius, 2.0)
+        pen.ellipse([x - size, y - size, x + size, y + size], outline=color, width=2 * _SAMPLES)
