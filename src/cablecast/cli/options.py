@@ -204,12 +204,13 @@ TaskName = Annotated[
 def load_lab(
     lab_file: pathlib.Path | None,
     cable: str | None,
-    task: str | None = None,
+    task: str | None = "landing",
     **motion: float | None,
 ) -> "Setup":
     """Return the set-up of --setup (the paper's if None), --cable and given motion options.
 
-    It has a strike section where the task is one, and none where it is a landing.
+    It has a strike section where the task is one, and none where it is a landing; that of the lab
+    file if None.
     """
     from cablecast.cable import load_cable
     from cablecast.setup import Setup, StrikeConfig, load_setup

@@ -47,7 +47,7 @@ class Twin:
         from cablecast.rigs.ur.twin.laboratory import TwinConfig
         from cablecast.rigs.ur.twin.process import TwinProcess
 
-        setup = load_lab(self.setup, self.cable)
+        setup = load_lab(self.setup, self.cable, None)
         options = picked(self, "address", "rate", "seed", "segment_count")
         options |= picked(self, "program_size_max", "generation")
         config = TwinConfig(**options, patience=PATIENCE)

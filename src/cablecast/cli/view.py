@@ -53,7 +53,7 @@ class View(AimConfig):
         from cablecast.view.page import serve
 
         check_count("port", self.port, 1, 65535)
-        setup = load_lab(self.setup, self.cable)
+        setup = load_lab(self.setup, self.cable, None)
         if setup.strike is not None:
             raise InputError(
                 "the page is of casts onto a table: aim at points in the air with `cablecast aim`"

@@ -192,7 +192,8 @@ class TwinLaboratory:
         self.controller = Controller(setup, setup.arm.inverse(home), self.generation)
         self.controller.program_size_max = config.program_size_max
         self.cable: LiveCable | None = None
-        if config.has_cable:
+        # One that swings in the air is not simulated.
+        if config.has_cable and setup.strike is None:
             lab = VirtualConfig(segment_count=config.segment_count)
             self.cable = LiveCable(setup, lab, config.seed)
         # Phases that were said since the last tick: a slow tick may miss a short one.
