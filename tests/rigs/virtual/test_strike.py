@@ -176,3 +176,13 @@ def test_a_rig_whose_track_has_no_heights_is_refused(rig):
     flat.reset()
     with pytest.raises(RigError, match="no endpoint_z, the height of the tip"):
         flat.execute(plan_trajectory(MOVES.move(UNIT), SETUP))
+
+
+def test_the_joints_of_a_move_that_lasts_longer_than_the_tip_is_watched_are_reported_to_its_end():
+    rig = make_rig("virtual", SETUP)
+    slow = plan_trajectory(MOVES.move(np.array([0.0, 1.0, 0.5])), SETUP)
+    assert slow.duration > SETUP.strike.watch_time
+    rig.reset()
+    track = rig.execute(slow)
+    assert track.joint_path.times[-1] >= slow.duration
+    assert track.times[-1] <= SETUP.strike.watch_time + DT

@@ -144,12 +144,14 @@ class RigStrike(RigLifecycle):
         trial = Trial.draw(self.config.arm, seed, self._count)
         rng = np.random.default_rng([seed, self._count, 7])
         self._count += 1
-        steps = round(strike.watch_time / DT)
+        # The joints of a slow move are reported to its end, however long the tip is watched.
+        steps = round(max(strike.watch_time, trajectory.duration + _TAIL) / DT)
         (arm,) = move_arm([trajectory], [trial], self.setup.arm, self._servos, DT, steps)
         assert arm.q is not None
         assert arm.joint_path is not None
         with quiet():
-            nodes, is_broken = self._world.swing(arm.q, self.config.noise, rng)
+            watched = arm.q[: round(strike.watch_time / DT) + 1]
+            nodes, is_broken = self._world.swing(watched, self.config.noise, rng)
         report = _reported(arm.joint_path, trajectory.duration + _TAIL)
         if is_broken:
             return EndpointTrack(
