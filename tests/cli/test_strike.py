@@ -10,7 +10,9 @@ import pytest
 from PIL import Image
 
 from cablecast.cli.main import main
+from cablecast.cli.options import load_lab
 from cablecast.data.store import CastStore
+from cablecast.errors import InputError
 from cablecast.setup import load_setup
 from cablecast.task import STRIKE
 
@@ -20,6 +22,7 @@ AIM = ["aim", "--rig", "engine", "--setup", "lab.yaml", "--out", "out", "--withi
 KILLED = """
 import os, signal
 from cablecast.cli.main import main
+from cablecast.cli.options import load_lab
 from cablecast.data.store import CastStore
 from cablecast.pipeline import strike
 strike.MOVE_COUNT, strike.CABLE_COUNT = 64, 2
@@ -133,3 +136,14 @@ def test_swings_are_filmed_from_the_side_and_the_page_says_that_it_is_of_tables(
     assert main([*film, "--out", "other.gif", "--select", "7"]) == 2
     assert main(["view", "--setup", "lab.yaml"]) == 2
     assert "aim at points in the air with `cablecast aim`" in capsys.readouterr().err
+
+
+def test_verbs_that_know_no_strikes_take_the_lab_as_one_of_a_table(lab):
+    assert load_lab(lab / "lab.yaml", None).strike is None
+    assert load_lab(lab / "lab.yaml", None, None).strike is not None
+    assert load_lab(None, None, "strike").strike is not None
+    (lab / "lab.yaml").write_text("cable: {length: 1.6, diameter: 0.01, mass: 0.1}\n" + LAB)
+    # It hangs well, and would lie beyond the table's edge.
+    assert load_lab(lab / "lab.yaml", None, "strike").cable.length == 1.6
+    with pytest.raises(InputError, match="beyond the table's edge"):
+        load_lab(lab / "lab.yaml", None)
