@@ -75,7 +75,11 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         PHYSICS,
         "share of a miss that one correction leaves on uneven friction",
     ),
-    "preparation": ("times:preparation", LEARNING, "waits: fit, first plan, each try, opening"),
+    "waits": (
+        "times:waits",
+        (*LEARNING, "pipeline/check"),
+        "waits: check, fit, first plan, each try, opening",
+    ),
     "cluster": (
         "times:cluster",
         (*PHYSICS, "data"),
@@ -126,8 +130,7 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
 """Module and function of each command, the code that it depends on, and what it measures."""
 
 QUOTED: dict[str, tuple[str, float]] = {
-    "ten-casts": ("casts --rigs virtual --counts 10 --methods aim --targets 201", 2.4),
-    "scatter": ("scatter --rig virtual --calibration 10 --targets 6 --repeats 5", 0.2),
+    "five-casts": ("casts --rigs virtual --counts 5 --methods aim --targets 66 --equal 3", 1.5),
     "other-physics": (
         "casts --rigs strange patchy example --counts 10 --methods aim --cables cable_1 "
         "--targets 66",
@@ -138,7 +141,7 @@ QUOTED: dict[str, tuple[str, float]] = {
         0.5,
     ),
     "labs": ("labs --tries 0 --count 50", 0.3),
-    "waits": ("preparation --cables cable_1 --targets 5", 0.1),
+    "waits": ("waits --cables cable_1 --targets 5", 0.1),
     "arms": ("arms", 0.1),
     "reproduce": ("reproduce", 3.0),
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),

@@ -55,7 +55,9 @@ def tries(result: Result) -> str:
     """Return a row for each try: median, quartiles, casts lost, and how often regions held."""
     records = result.table("Miss of each try").records()
     keys = varied(records, ("rig", "cable", "casts", "method"))
-    columns = (*keys, "try", "median", "quartiles", "lost", "inside 50 %", "inside 90 %")
+    hits = all("hit" in row for row in records)
+    heads = ("try", "median", "quartiles", "lost", *["hit so far"] * hits)
+    columns = (*keys, *heads, "inside 50 %", "inside 90 %")
     rows = [
         (
             *(str(row[key]) for key in keys),
@@ -63,6 +65,7 @@ def tries(result: Result) -> str:
             interval(row),
             "" if row["q1"] is None else f"{row['q1']:.1f} to {row['q3']:.1f}",
             "" if row["lost"] is None else f"{row['lost']:.1f} %",
+            *([f"{row['hit']:.0f} %"] if hits else []),
             *("" if row[key] is None else f"{row[key]:.0f} %" for key in ("in 50 %", "in 90 %")),
         )
         for row in records
@@ -81,8 +84,45 @@ def centimetres(result: Result) -> str:
             interval({key: cable.length * found[n][key] for key in ("median", "low", "high")}, "cm")
             for n in heads.values()
         ]
-        rows.append((f"{name}: {words}, {100 * cable.length:.0f} cm", *cells))
-    return Table("", ("cable", *heads), rows).markdown()
+        hits = ", ".join(f"{found[n]['hit']:.0f}" for n in heads.values())
+        rows.append((f"{name}: {words}, {100 * cable.length:.0f} cm", *cells, f"{hits} %"))
+    return Table("", ("cable", *heads, "hit within 1, 2, 4 tries"), rows).markdown()
+
+
+def distances(result: Result) -> str:
+    """Return misses, floors and motions by the distance of the targets."""
+    columns = ("cable", "r [m]", "targets", "first try", "last try", "hit", "floor", "ratio")
+    rows = []
+    for row in result.table("By distance").records():
+        calm, ratio = row["floor"], row["last try"] / row["floor"] if row["floor"] else None
+        rows.append(
+            (
+                *(str(row[name]) for name in ("cable", "r [m]", "targets")),
+                *(f"{row[name]:.1f}" for name in ("first try", "last try")),
+                f"{row['hit']:.0f} %",
+                "" if calm is None else f"{calm:.1f}",
+                "" if ratio is None else f"{ratio:.1f}",
+                f"{row['polar']:.0f} %",
+                "" if row["pace"] is None else f"{row['pace']:.2f}",
+                f"{row['seconds']:.0f} s",
+            )
+        )
+    return Table("", (*columns, "polar", "pace", "a cast takes"), rows).markdown()
+
+
+def outlooks(result: Result) -> str:
+    """Return hits within some tries by what reaches the target, next to what was stated."""
+    rows = [
+        (
+            *(str(row[name]) for name in ("reached by", "targets", "tries")),
+            f"{row['hit']:.0f} % ({row['low']:.0f} to {row['high']:.0f})",
+            f"{row['stated']:.0f} %",
+            "" if row["floor"] is None else f"{row['floor']:.1f}",
+        )
+        for row in result.table("Hits within").records()
+    ]
+    columns = ("reached by", "targets", "tries", "hit", "stated before", "floor")
+    return Table("", columns, rows).markdown()
 
 
 def convergence(result: Result) -> str:
@@ -358,6 +398,8 @@ VIEWS: dict[str, Callable[[Result], str]] = {
     "effects": effects,
     "tries": tries,
     "centimetres": centimetres,
+    "distances": distances,
+    "outlooks": outlooks,
     "convergence": convergence,
     "steps": steps,
     "marked": marked,
@@ -386,7 +428,7 @@ def drawn_strikes(result: Result) -> bytes:
 
 
 FIGURES: dict[str, tuple[str, Callable[[Result], bytes]]] = {
-    "docs/images/casts.png": ("ten-casts", drawn_misses),
+    "docs/images/casts.png": ("five-casts", drawn_misses),
     "docs/images/irp.png": ("irp", drawn_strikes),
 }
 """Result and drawing of each figure that is drawn from a result, by its path."""

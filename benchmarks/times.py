@@ -1,9 +1,9 @@
 """Times on this computer: waits of a person who aims, and of a Ray cluster.
 
-preparation: what a person waits for while aiming: the fit with its six simulators, the simulated
-casts, the choice of the first cast and of each further one, what is learned from a landing, and the
-session when it is opened again. The rig's own time is left out. A short warm-up run compiles
-missing kernels first; --cold skips it.
+waits: what a person waits for while aiming: the check, the fit with its six simulators, the
+simulated casts, the choice of the first cast and of each further one, what is learned from a
+landing, and the session when it is opened again. The rig's own time is left out. A short warm-up
+run compiles missing kernels first; --cold skips it.
 
 cluster: simulates the same dataset with one thread here, then with one and with two Ray workers of
 one core. The clock runs from the first motion that is sent to the last shard that is written;
@@ -32,7 +32,7 @@ from cablecast.setup import Setup
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PreparationArgs:
+class WaitsArgs:
     """What a person waits for while aiming, in seconds of the clock and of the processor."""
 
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
@@ -65,7 +65,7 @@ class Waits:
         self.seconds.setdefault(name, []).append(took)
 
 
-def time_session(cable: str, args: PreparationArgs) -> Waits:
+def time_session(cable: str, args: WaitsArgs) -> Waits:
     """Prepare a session, aim, and open it again; the rig's own time is not counted."""
     waits = Waits()
     setup = cc.Setup(cable=cable)
@@ -77,8 +77,14 @@ def time_session(cable: str, args: PreparationArgs) -> Waits:
         console_progress() as progress,
         tempfile.TemporaryDirectory() as out,
     ):
+        with waits.timed("check"):
+            cc.check(setup, progress=progress)
         casts = cc.collect(
-            rig, count=config.calibration_count, sampling="spread", progress=progress
+            rig,
+            count=config.calibration_count,
+            sampling="spread",
+            pace=config.pace,
+            progress=progress,
         )
 
         def prepare(tuned: cc.Tuned | None = None) -> cc.AimSession:
@@ -88,6 +94,7 @@ def time_session(cable: str, args: PreparationArgs) -> Waits:
             tuned = cc.tune(casts, validation_count=0, out=f"{out}/tune", progress=progress)
         with waits.timed("simulated casts"):
             session = prepare(tuned)
+        session.pilot(rig, progress)
         for index, target in enumerate(random_targets(args.targets, args.lab)):
             for number in range(args.tries):
                 with waits.timed("a try" if index or number else "first plan"):
@@ -100,7 +107,7 @@ def time_session(cable: str, args: PreparationArgs) -> Waits:
     return waits
 
 
-def preparation(args: PreparationArgs) -> Iterator[Table]:
+def waits(args: WaitsArgs) -> Iterator[Table]:
     """Yield the times of each part."""
     if not args.cold:
         for cable in args.cables:
