@@ -153,13 +153,13 @@ def aimed_misses(
 
     Returns:
         For each try, `miss_pct`; `share`, the probability of the stated region that just holds the
-        landing, None without one; `chance`, that of a hit within `HIT_PCT`, and `expected`, what
-        else was stated; `family` and `pace` of its motion, and the `seconds` that it takes.
+        landing, None without one; `expected`, what was stated before it; `family` and `pace` of
+        its motion, and the `seconds` that it takes.
         `floor_pct` holds the distances of equal casts of the last action from their mean.
     """
     session = session.fork()
-    rows: dict[str, list] = {name: [] for name in ("miss_pct", "share", "chance", "family")}
-    rows |= {"expected": [], "pace": [], "seconds": [], "floor_pct": []}
+    rows: dict[str, list] = {name: [] for name in ("miss_pct", "share", "expected", "family")}
+    rows |= {"pace": [], "seconds": [], "floor_pct": []}
     for _ in range(tries):
         if full_gain:
             experience = session.predictor.experience
@@ -172,8 +172,6 @@ def aimed_misses(
         share = proposal.expected.law.probability(cast.square)
         rows["miss_pct"].append(_counted(cast.miss_pct))
         rows["share"].append(share if np.isfinite(share) else None)
-        within = dataclasses.replace(proposal.goal, within_pct=HIT_PCT)
-        rows["chance"].append(proposal.expected.hit_chance(within))
         rows["expected"].append(_stated(proposal))
         rows["family"].append(proposal.action.family)
         rows["pace"].append(float(proposal.action.to_array()[-1]))

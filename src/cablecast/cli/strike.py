@@ -42,6 +42,7 @@ def aim_strike(options: Any, setup: "Setup") -> int:
     from cablecast.pipeline.strike import prepare_strike, write_strike_report
     from cablecast.report.strike_page import STRIKE_PAGE, STRIKE_PICTURE
     from cablecast.rigs.make import check_rig
+    from cablecast.rigs.swings import move_envelope
     from cablecast.runs.places import STRIKE_FOLDER, cable_folder
     from cablecast.runs.progress import ignore
 
@@ -61,26 +62,21 @@ def aim_strike(options: Any, setup: "Setup") -> int:
         known = len(session.casts)
         swings = "1 swing" if known == 1 else f"{known or 'no'} swings"
         print(f"{swings} of {setup.cable.name} {'is' if known == 1 else 'are'} known")
-        print(envelope_text(session))
-        beyond = []
-        for goal in session.goals(places):
+        envelope = move_envelope(setup, session.prior.units)
+        print(f"{envelope_text(*envelope)}: keep people and things out of it")
+        chosen = np.ones(len(places), dtype=bool)
+        for number, goal in enumerate(session.goals(places)):
             try:
                 check_reach(session.prior, goal, session.plane)
             except TargetError as error:
-                beyond.append(goal.value)
+                chosen[number] = config.force
                 print(f"{error} (--force swings all the same)", flush=True)
-        if config.force:
-            beyond = []
-        out_of_reach = [
-            any(np.array_equal(g.value, b) for b in beyond) for g in session.goals(places)
-        ]
-        chosen = places[np.logical_not(out_of_reach)]
-        if not len(chosen):
+        if not chosen.any():
             return EXIT_MISSED
         result = aim(
             session,
             rig,
-            chosen,
+            places[chosen],
             on_proposal=lambda proposal: print_proposal(proposal, session),
             on_cast=lambda cast: print_cast(cast, session),
             progress=ignore,
@@ -90,16 +86,13 @@ def aim_strike(options: Any, setup: "Setup") -> int:
     print(f"folder    {out}")
     print(f"picture   {os.path.join(out, REPORT_FOLDER, STRIKE_PICTURE)}")
     print(f"report    {os.path.join(out, REPORT_FOLDER, STRIKE_PAGE)}")
-    return 0 if result.hit.all() and not beyond else EXIT_MISSED
+    return 0 if result.hit.all() and chosen.all() else EXIT_MISSED
 
 
-def envelope_text(session: "StrikeSession") -> str:
-    """Return where the cable can be in any swing of the lab file."""
-    from cablecast.rigs.swings import move_envelope
-
-    low, high = move_envelope(session.setup, session.prior.units)
+def envelope_text(low: "NDArray[np.float64]", high: "NDArray[np.float64]") -> str:
+    """Return where the cable can be in any swing, from the corners of a box [m], shape [3]."""
     sides = (f"{a} {low[k]:.2f} to {high[k]:.2f} m" for k, a in enumerate("xyz"))
-    return f"the cable can be anywhere in {', '.join(sides)}: keep people and things out of it"
+    return f"the cable can be anywhere in {', '.join(sides)}"
 
 
 def print_proposal(proposal: "Proposal", session: "StrikeSession") -> None:
@@ -155,10 +148,8 @@ def check_strikes(options: Any, setup: "Setup") -> int:
     with console_progress() as progress:
         found = check_strike(setup, seed=options.seed, progress=progress)
     print(found.summary)
-    low, high = found.envelope
-    sides = ", ".join(f"{a} {low[k]:.2f} to {high[k]:.2f} m" for k, a in enumerate("xyz"))
-    print(f"the cable can be anywhere in {sides}")
-    words = [found.words_at(place) for place in places]
-    for (ahead, height), said in zip(places, words, strict=True):
-        print(f"target   {ahead:.2f} m ahead, {height:.2f} m high\n         {said}")
-    return 0 if all("cannot be struck" not in said for said in words) else EXIT_MISSED
+    print(envelope_text(*found.envelope))
+    for place in places:
+        print(f"target   {place[0]:.2f} m ahead, {place[1]:.2f} m high")
+        print(f"         {found.words_at(place)}")
+    return EXIT_MISSED if any(found.refusal_at(place) for place in places) else 0

@@ -331,11 +331,12 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
     rows = []
     errors_pct, prediction_errors_pct = evaluation.errors_pct, evaluation.prediction_errors_pct
     aimed_xy, repeat = evaluation.aimed_xy, evaluation.repeat
+    no_polar = np.full(len(PolarCast.parameters), np.nan)
     for row, cast in enumerate(evaluation.casts):
         r, theta = xy_to_polar(aimed_xy[row])
         # Parameters of other families are empty cells.
         theta1, theta2, r2, psi, pace = cast.sweep
-        polar = cast.action.to_array() if isinstance(cast.action, PolarCast) else np.full(4, np.nan)
+        polar = cast.action.to_array() if isinstance(cast.action, PolarCast) else no_polar
         target = int(evaluation.target_index[row])
         values = (
             target,

@@ -124,6 +124,11 @@ class JointMoves:
         return ("speed", *(self.arm.joint_names[joint] for joint in self.joints))
 
     @property
+    def arm_with_stick(self) -> Arm:
+        """The arm with the stick in place of its gripper, for checks of what it comes near."""
+        return dataclasses.replace(self.arm, gripper_length=self.stick.length, grip_offset=0.0)
+
+    @property
     def size(self) -> int:
         """Number of parameters of a move."""
         return 1 + len(self.joints)
@@ -203,7 +208,7 @@ class JointMoves:
         good = np.ones(len(unit), dtype=bool)
         for peak in self.violations(unit):
             good[peak.row[0]] = False
-        arm = dataclasses.replace(self.arm, gripper_length=self.stick.length, grip_offset=0.0)
+        arm = self.arm_with_stick
         times = np.arange(0.0, float(self.duration(unit).max()) + KNOT_DT, 2.0 * KNOT_DT)
         q = self.angles(unit, times)[0].reshape(-1, arm.joint_count)
         for gap in self_gaps(arm, q, self.stick.radius).values():

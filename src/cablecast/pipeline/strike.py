@@ -149,13 +149,20 @@ class StrikeCheck:
         """Corners of the box that arm, stick and cable never leave, whatever the cable [m]."""
         return move_envelope(self.setup, self.prior.units)
 
-    def words_at(self, place: ArrayLike) -> str:
-        """Return whether a swing strikes a place ahead and high [m], shape [2], in words."""
+    def refusal_at(self, place: ArrayLike) -> str:
+        """Return why no swing strikes a place ahead and high [m], shape [2]; empty if one does."""
         (goal,) = STRIKE.goals(self.setup, place)
         try:
             check_reach(self.prior, goal, self.plane)
         except TargetError as error:
             return str(error)
+        return ""
+
+    def words_at(self, place: ArrayLike) -> str:
+        """Return whether a swing strikes a place ahead and high [m], shape [2], in words."""
+        if refusal := self.refusal_at(place):
+            return refusal
+        (goal,) = STRIKE.goals(self.setup, place)
         misses = np.sort(self.prior.misses(goal.value))
         return (
             "a swing passes there; the best first try misses by "

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.base import Arm
 from cablecast.errors import InputError, JointLimitError
 from cablecast.motion.joint_move import JointMoves
 from cablecast.rigs.path import JointCurve, check_path
@@ -38,13 +37,6 @@ def move_envelope(setup: Setup, unit: ArrayLike) -> tuple[Array, Array]:
     return envelope(setup, q.reshape(-1, moves.arm.joint_count))
 
 
-def with_stick(setup: Setup) -> Setup:
-    """Return the set-up whose arm has the stick in place of a gripper, for checks of a path."""
-    stick = JointMoves.of(setup).stick
-    arm: Arm = dataclasses.replace(setup.arm, gripper_length=stick.length, grip_offset=0.0)
-    return dataclasses.replace(setup, arm=arm)
-
-
 def check_swing(curve: JointCurve, setup: Setup, what: str) -> None:
     """Refuse a motion with a stick that leaves limits or box, or in which the cable could.
 
@@ -66,7 +58,8 @@ def check_swing(curve: JointCurve, setup: Setup, what: str) -> None:
             "a real arm swings a cable only in a box that a person has seen to be clear of people "
             "and things: set clear_low and clear_high in the strike section"
         )
-    check_path(curve, with_stick(setup), what, strike.floor)
+    armed = dataclasses.replace(setup, arm=JointMoves.of(setup).arm_with_stick)
+    check_path(curve, armed, what, strike.floor)
     q = curve.evaluate(np.arange(0.0, curve.duration + _CHECK_DT, _CHECK_DT))
     low, high = envelope(setup, q)
     clear_low, clear_high = np.array(strike.clear_low), np.array(strike.clear_high)
