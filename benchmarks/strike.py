@@ -14,7 +14,7 @@ import functools
 import pathlib
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,8 @@ EARLIEST = 0.3
 """Time before which the tip has hardly moved [s]."""
 AWAY = 0.25
 """Least distance of a target from where the tip hangs at the start [m]."""
+UNSEEN = 1.0
+"""Miss of a swing whose tip was not seen, or that was broken off [m]."""
 _DRAWN = 512
 """Random moves of which the first are taken, so that fewer targets are the first of more."""
 GAP = 0.12
@@ -165,14 +167,19 @@ def _strike_goal(session: Any, rig: Any, goal: Any, args: Args, number: int) -> 
         else:
             floors.append(floor(rig, cast, goal.value, first, args.repeats))
     return {
-        "seen": [cast.miss_pct * length / 100.0 for cast in casts],
-        "true": [truth(cast, goal.value) for cast in casts],
-        "floor": floors,
+        "seen": _counted(cast.miss_pct * length / 100.0 for cast in casts),
+        "true": _counted(truth(cast, goal.value) for cast in casts),
+        "floor": _counted(floors),
         "inside": [
             bool(p.expected.holds(c.outcome, 0.9)) for p, c in zip(proposals, casts, strict=True)
         ],
         "seconds": seconds,
     }
+
+
+def _counted(distances: Iterable[float]) -> list[float]:
+    """Return distances [m] with `UNSEEN` in place of those that are not known."""
+    return [distance if np.isfinite(distance) else UNSEEN for distance in distances]
 
 
 def main(args: Args) -> Iterator[Table]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.aiming.predictor import TYPICAL_FRICTION, log_scatters
-from cablecast.aiming.propose import LEFT, hit_chances
+from cablecast.aiming.propose import LEFT, STAYS, hit_chances
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, MissLaw
 
@@ -47,7 +47,8 @@ def test_the_chance_of_a_hit_grows_with_the_tries_as_corrections_leave_less_vari
     first, second, third = (hit_chance(0.05 * LEFT ** (0.5 * number)) for number in range(3))
     assert one == pytest.approx(first, abs=POINTS)
     assert two == pytest.approx(1.0 - (1.0 - first) * (1.0 - second), abs=POINTS)
-    assert three == pytest.approx(1.0 - (1.0 - first) * (1.0 - second) * (1.0 - third), abs=POINTS)
+    left = (1.0 - first) * (1.0 - second) * (1.0 - STAYS * third)
+    assert three == pytest.approx(1.0 - left, abs=POINTS)
     polar = hit_chances(expected(0.05, 0.0), GOAL, "polar", 2)
     assert polar[0] == one
     assert polar[1] > two

@@ -60,6 +60,11 @@ casts scatter by stays, and where no calm cast reaches no correction will."""
 CAMERA_HEIGHT = 2.2
 """Height of a camera above the middle of the table, where its place is not known [m]."""
 
+STAYS = 0.4
+"""Share of the chance of a hit that a correction has after two misses [-]: what two corrections did
+not find stays. Of 198 targets in the virtual rig, 67 were missed twice or three times, by casts
+whose next ones had a chance of 57 to 96 % by their size, and 0.3 to 0.6 of that hit."""
+
 POLAR_LEFT, POLAR_COST = 0.02, 0.03
 """Share of the variance that a correction of a polar cast leaves [-], as all polar casts err alike;
 and the loss that the 20 s count for by which it takes longer than a sweep [-]."""
@@ -146,7 +151,9 @@ def propose(
     )
 
 
-def hit_chances(expected: Expectation, goal: Goal, family: str, count: int) -> _Array:
+def hit_chances(
+    expected: Expectation, goal: Goal, family: str, count: int, try_number: int = 1
+) -> _Array:
     """Return the chance of a hit within 1, 2, ... tries, shape [count].
 
     Each correction is expected on the goal. It leaves the same share of the variance as the choice
@@ -157,16 +164,18 @@ def hit_chances(expected: Expectation, goal: Goal, family: str, count: int) -> _
         goal: Goal of all of them.
         family: Family of the motions.
         count: Number of tries.
+        try_number: Number of the first of them at this goal.
     """
     left = {Action.family: LEFT, PolarCast.family: POLAR_LEFT}[family]
     size, scatter = len(goal.value), expected.scatter**2
     variance = max(float(np.trace(expected.covariance)) / size - scatter, 0.0)
     chances = [expected.hit_chance(goal)]
-    for _ in range(count - 1):
+    for number in range(1, count):
         variance *= left
         covariance = (variance + 2.0 * scatter) * np.eye(size)
         later = dataclasses.replace(expected, mean=goal.value, covariance=covariance)
-        chances.append(later.hit_chance(goal))
+        stays = STAYS if try_number + number > 2 else 1.0
+        chances.append(stays * later.hit_chance(goal))
     return np.asarray(1.0 - np.cumprod(1.0 - np.array(chances)), dtype=float)
 
 

@@ -47,7 +47,7 @@ class Dataset:
         actions: (theta1, theta2, r2, psi, pace) [rad, rad, m, rad, -], shape [row, 5]; without the
             pace, which is 1 then, [row, 4].
         rest_xy: Resting point of the free end [m], shape [row, 2]; NaN where unknown. A
-            simulated row that left the table keeps its resting point on the endless plane.
+            simulated row that left the table keeps the place of the end that hangs or fell.
         status: Codes of the trial statuses, shape [row].
         duration: Duration of the gripper's motion [s], shape [row].
         extent: Smallest x, largest x, smallest y and largest y of the free end during the cast [m],

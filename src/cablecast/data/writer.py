@@ -46,10 +46,9 @@ _TITLES = {
 }
 
 _SIMULATED = (
-    "The simulated plane has no edge: a row whose free end rests beyond that of the table has the "
-    "status `off_table` and keeps its resting point on the plane; the columns of the path's extent "
-    "show those that left the table on their way. A row of status `non_finite` has no resting "
-    "point."
+    "A row whose free end left the table has the status `off_table`, and the place where it hangs "
+    "or fell to; the columns of the path's extent show those that left the table on their way. A "
+    "row of status `non_finite` has no resting point."
 )
 _ON_A_RIG = (
     "Only a row of status `ok` has a resting point. The track holds NaN where the free end was not "

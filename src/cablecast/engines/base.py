@@ -11,6 +11,7 @@ from cablecast.cable import Cable, CableParams
 from cablecast.conventions import GRAVITY
 from cablecast.errors import InputError, check_number
 from cablecast.motion.grip_path import GripPath
+from cablecast.workspace import Workspace
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -310,6 +311,7 @@ class Engine(Protocol):
         sample_dt: float = 0.1,
         *,
         far_path: GripPath | None = None,
+        edges: Workspace | None = None,
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; every argument is shared (one row) or per world.
@@ -325,6 +327,8 @@ class Engine(Protocol):
                 which the cable arrives there, as the cable leaves the near gripper along that of
                 `grip_path`. `EngineWarp` clamps the far end in this direction and turns it by the
                 roll; the other engines hold its place only.
+            edges: Table whose edges the cable may hang over, in `EngineWarp`; that of the other
+                engines, and of None, is endless.
             record_nodes: True to return the cable's shapes, too.
 
         Raises:

@@ -95,4 +95,5 @@ class Dynamics:
         Options are those of `Engine.rollout` after the path.
         """
         cable = setup.cable.with_params(self.params)
-        return engine.rollout(cable, self.follow(commanded, setup), **options)
+        path = self.follow(commanded, setup)
+        return engine.rollout(cable, path, edges=setup.workspace, **options)

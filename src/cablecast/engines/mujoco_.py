@@ -45,6 +45,7 @@ from cablecast.engines.base import (
 from cablecast.errors import MissingExtraError, check_count, check_number
 from cablecast.files import core_count
 from cablecast.motion.grip_path import GripPath
+from cablecast.workspace import Workspace
 
 HAND_DOF_COUNT = 5
 _STUB = 1e-3
@@ -239,6 +240,7 @@ class EngineMujoco:
         sample_dt: float = 0.1,
         *,
         far_path: GripPath | None = None,
+        edges: Workspace | None = None,
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""

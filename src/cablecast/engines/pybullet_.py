@@ -38,6 +38,7 @@ from cablecast.conventions import tangent
 from cablecast.engines.base import GRAVITY, CableState, Rollout, one_cable, plan_rollout
 from cablecast.errors import MissingExtraError, check_count, check_number
 from cablecast.motion.grip_path import GripPath
+from cablecast.workspace import Workspace
 
 
 def load_pybullet() -> Any:
@@ -454,6 +455,7 @@ class EnginePybullet:
         sample_dt: float = 0.1,
         *,
         far_path: GripPath | None = None,
+        edges: Workspace | None = None,
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""

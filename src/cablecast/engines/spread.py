@@ -20,6 +20,7 @@ from cablecast.engines.base import (
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 from cablecast.runs.workers import LOCAL, PROCESSES, check_workers, run_tasks
+from cablecast.workspace import Workspace
 
 WORLD_COUNT, SLOW_WORLD_COUNT = 128, 2
 """Worlds of a task, and of one of a slow engine: some tenths of a second on one core, or some
@@ -57,6 +58,7 @@ class EngineSpread:
         sample_dt: float = 0.1,
         *,
         far_path: GripPath | None = None,
+        edges: Workspace | None = None,
         record_nodes: bool = False,
     ) -> Rollout:
         """Simulate a batch; see `Engine.rollout`."""
@@ -69,7 +71,12 @@ class EngineSpread:
         )
         # The longest motion of all, not that of a task, says when a rollout ends.
         duration = default_duration(grip_path) if duration is None else duration
-        options = {"duration": duration, "sample_dt": sample_dt, "record_nodes": record_nodes}
+        options = {
+            "duration": duration,
+            "sample_dt": sample_dt,
+            "edges": edges,
+            "record_nodes": record_nodes,
+        }
         if world_count <= self._world_count:
             return self._engine.rollout(
                 cable, grip_path, initial_state, far_path=far_path, **options

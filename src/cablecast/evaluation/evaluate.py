@@ -434,7 +434,7 @@ def split_errors(evaluation: Evaluation, engine_rig: Rig) -> ErrorSplit | None:
         raise InputError("only casts that a model planned can be split")
     targets, first = np.unique(evaluation.target_index, return_index=True)
     simulated = run_trials(engine_rig, [evaluation.motions[row] for row in first])
-    # The engine's table has no edge: a cast that leaves the table still has a landing.
+    # A simulated cast that leaves the table still has an end.
     ends = (LANDING.outcome(track.endpoint_xy) for track in simulated)
     engine_xy = dict(zip(targets.tolist(), ends, strict=True))
 

@@ -78,7 +78,7 @@ class CastTask:
             the same, 1 for the whole ranges.
         observe_cable: Whether the observation holds the cable: length, diameter, ten parameters.
         off_table: What a cast earns that leaves the table: "fail" for `fail_reward`, "miss" for the
-            distance of its resting point on an endless plane. An engine knows that, a rig does not.
+            distance of where its end hangs or fell to. An engine knows that, a rig does not.
         fail_reward: Reward of a cast without a landing, and of a motion that the arm cannot make.
         targets: Targets to draw from [m], shape [target, 2]; drawn from the sector of the paper's
             targets if None.
@@ -348,7 +348,7 @@ class _Casts:
             xy[feasible] = np.stack([columns["endpoint_x"], columns["endpoint_y"]], axis=-1)
             status[feasible] = columns["status"]
             if self.task.off_table == "fail":
-                # No rig sees where a cable would lie beyond the table's edge.
+                # No rig sees where a cable hangs beyond the table's edge.
                 xy[status != TrialStatus.OK.code] = np.nan
         else:
             motions = [plan_trajectory(Action.from_array(row), setup) for row in actions[feasible]]

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.cast import TrialStatus
 from cablecast.data.dataset import Dataset, StoredSettings
 from cablecast.errors import CheckpointError, InputError
 from cablecast.learning.checkpoint import Checkpoint, digest, read_checkpoint, write_checkpoint
@@ -114,7 +115,9 @@ LEFT_TABLE_MARGIN = -0.05
 
 
 def known_endpoint_rows(dataset: Dataset, task: Task = LANDING) -> NDArray[np.intp]:
-    """Return the indices of the rows with a known endpoint, and outcome in a task.
+    """Return the indices of the rows with a known endpoint on the table, and outcome in a task.
+
+    Where a cable falls to that has left the table says little of those that stay.
 
     Args:
         dataset: Simulated casts.
@@ -124,7 +127,8 @@ def known_endpoint_rows(dataset: Dataset, task: Task = LANDING) -> NDArray[np.in
         InputError: There are fewer than `MIN_ROWS`.
     """
     known = np.hstack([dataset.outcomes(task), dataset.actions])
-    rows = np.flatnonzero(dataset.finite & np.isfinite(known).all(axis=1))
+    is_known = dataset.finite & np.isfinite(known).all(axis=1)
+    rows = np.flatnonzero(is_known & (dataset.status != TrialStatus.OFF_TABLE.code))
     if len(rows) < MIN_ROWS:
         raise InputError(
             f"{len(rows)} of {len(dataset)} rows have a known endpoint: training needs {MIN_ROWS}"

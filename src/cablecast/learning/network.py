@@ -308,10 +308,8 @@ def train_forward_model(
 ) -> ForwardModel:
     """Train the forward model on simulated casts.
 
-    All rows with a known endpoint are used, including those off the table. The simulated plane has
-    no edge, so these endpoints are equally physical and vary smoothly across the edge. They support
-    the network just inside it. `ForwardModel.predict_margin` predicts whether an action keeps the
-    cable on the table; the network does not.
+    All rows with a known endpoint on the table are used. `ForwardModel.predict_margin` predicts
+    whether an action keeps the cable on the table; the network does not.
 
     Args:
         dataset: Simulated casts.

@@ -80,7 +80,9 @@ def hit_text(proposal: Proposal, tries: int) -> str:
     text, left = chance_text(proposal.hit_chance), tries - proposal.try_number + 1
     if left < 2:
         return text
-    chances = hit_chances(proposal.expected, proposal.goal, proposal.action.family, left)
+    chances = hit_chances(
+        proposal.expected, proposal.goal, proposal.action.family, left, proposal.try_number
+    )
     return f"{text}, within {left} tries {chance_text(chances[-1])}"
 
 

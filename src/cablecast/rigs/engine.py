@@ -96,6 +96,7 @@ class RigEngine(RigLifecycle):
             GripPath.stack(paths),
             duration=max(step_counts) * self.sample_dt,
             sample_dt=self.sample_dt,
+            edges=self.setup.workspace,
             record_nodes=True,
         )
         return [
@@ -112,7 +113,7 @@ class RigEngine(RigLifecycle):
 def status_of(endpoint_xy: NDArray[np.float64], workspace: Workspace) -> TrialStatus:
     """Return how a simulated trial ended.
 
-    The simulated plane has no edge: an endpoint that ends beyond that of the table has left it.
+    An endpoint that ends beyond the edge of the table has left it.
     """
     if not np.all(np.isfinite(endpoint_xy)):
         return TrialStatus.NON_FINITE

@@ -40,6 +40,7 @@ class MeasuredTracks:
         status: Status codes of the trials, shape [trial].
         actions: Actions of the trials, shape [trial, 4].
         path_source: Origin of the grip paths: "commanded", "measured", or "mixed".
+        edges: Table whose edges the cable may hang over; None for an endless one.
     """
 
     grip_path: GripPath
@@ -49,6 +50,7 @@ class MeasuredTracks:
     status: NDArray[np.str_]
     actions: NDArray[np.float64]
     path_source: str
+    edges: Workspace | None = None
 
     def __post_init__(self):
         count = len(self.grip_path)
@@ -123,8 +125,8 @@ class MeasuredTracks:
     ) -> "MeasuredTracks":
         """Return the tracks of casts on a rig.
 
-        A cast that left the table is compared up to the last sample before the endpoint fell,
-        since the simulated table has no edge. Samples in which the endpoint was not seen are not
+        A cast that left the table is compared up to the last sample before the endpoint fell.
+        Samples in which the endpoint was not seen are not
         compared. Neither is the start, where simulation and rig are in the reset state.
 
         Args:
@@ -173,6 +175,7 @@ class MeasuredTracks:
             final_xy=np.array([track.final_xy for track in tracks]),
             status=np.array([track.status.code for track in tracks]),
             actions=np.array([cast.sweep for cast in casts]),
+            edges=setup.workspace,
         )
 
 
@@ -295,6 +298,7 @@ class TrackObjective:
             self._initial_state(params, trial, candidate),
             duration=self._duration,
             sample_dt=self._sample_dt,
+            edges=self.tracks.edges,
         )
         sampled = rollout.endpoint_xy.reshape(trial_count, candidate_count, -1, 2)
         at_times = _interpolate(rollout.times, sampled, self.tracks.times)

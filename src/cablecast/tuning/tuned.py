@@ -35,6 +35,8 @@ from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.landings import (
     APART_MAX,
     FRICTION_STEP,
+    SLIDES_OFF,
+    SLIPPERY,
     KnownLandings,
     LandingEstimate,
     estimate_landings,
@@ -229,7 +231,7 @@ class Tuned:
         if row_of:
             new = list(row_of.values())
             count = len(self.members)
-            simulators = (*self.members, *self._other_frictions)
+            simulators = (*self.members, *self._other_frictions, *self._slippery)
             # A few casts do not fill the cores, so both resolutions run side by side.
             with concurrent.futures.ThreadPoolExecutor(1) as pool:
                 best = pool.submit(
@@ -241,7 +243,8 @@ class Tuned:
                 tracks[:count],
                 self.setup,
                 landing_xy=task.outcome(best.result()[0]) / units,
-                friction_xy=task.outcome(tracks[count:]) / units,
+                friction_xy=task.outcome(tracks[count : count + 2]) / units,
+                slippery=tracks[-1] if self._slippery else None,
                 task=task,
             )
             known.add(list(row_of), found)
@@ -259,7 +262,7 @@ class Tuned:
         """Return a short name of all that decides the landings."""
         resolutions = [engine_settings(engine) for engine in (self.member_engine, self.engine)]
         physics = [one.to_dict() for one in (self.dynamics, *self.members)]
-        steps = [FRICTION_STEP, APART_MAX, _SAMPLE_DT, task.name]
+        steps = [FRICTION_STEP, SLIPPERY, SLIDES_OFF, APART_MAX, _SAMPLE_DT, task.name]
         return fingerprint([self.setup.to_settings(), physics, resolutions, steps])
 
     @functools.cached_property
@@ -277,13 +280,21 @@ class Tuned:
     @functools.cached_property
     def _other_frictions(self) -> tuple[Dynamics, Dynamics]:
         """The first member with less and with more friction."""
-        first = self.members[0]
-        friction = np.asarray(first.params.lateral_friction)
-        less, more = (
-            dataclasses.replace(first.params, lateral_friction=friction * np.exp(step))
-            for step in (-FRICTION_STEP, FRICTION_STEP)
+        return self._with_friction(np.exp(-FRICTION_STEP)), self._with_friction(
+            np.exp(FRICTION_STEP)
         )
-        return first.with_params(less), first.with_params(more)
+
+    @functools.cached_property
+    def _slippery(self) -> tuple[Dynamics, ...]:
+        """The first member on a slippery table, if the gripper may pass a side of the table."""
+        table = self.setup.workspace
+        return (self._with_friction(SLIPPERY),) if table.half_width < table.r_max else ()
+
+    def _with_friction(self, factor: float) -> Dynamics:
+        """Return the first member with its friction multiplied."""
+        first = self.members[0]
+        friction = np.asarray(first.params.lateral_friction) * factor
+        return first.with_params(dataclasses.replace(first.params, lateral_friction=friction))
 
     @classmethod
     def believed(cls, setup: Setup, seed: int = 0) -> "Tuned":

@@ -12,6 +12,10 @@ from cablecast.engines.base import CableForces, CableRows, CableState, Rollout
 from cablecast.engines.warp_.constants import JOINT_CELLS, EndSegment, model_constants
 from cablecast.engines.warp_.energy import UNKNOWN_ENERGY
 from cablecast.motion.grip_path import GripPath
+from cablecast.workspace import Workspace
+
+_ENDLESS = 1e6
+"""Distance of the edges of a table without edges [m]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -105,7 +109,13 @@ class Batch:
         return wp.zeros(shape, dtype=dtype, device=device)
 
     def model(
-        self, cables: CableRows, dt: float, gravity: float, far_is_held: bool, grip_cells: float
+        self,
+        cables: CableRows,
+        dt: float,
+        gravity: float,
+        edges: Workspace | None,
+        far_is_held: bool,
+        grip_cells: float,
     ):
         """Pack the constants: step [s] and acceleration of free fall [m/s²] among them."""
         model = self.build.Model()
@@ -116,6 +126,9 @@ class Batch:
         model.endpoint = self.cable_segment_count
         model.joint_cells = 1.0 if self.end is None else JOINT_CELLS
         model.gravity = gravity
+        model.half_width = _ENDLESS if edges is None else edges.half_width
+        model.y_min = -_ENDLESS if edges is None else edges.y_min
+        model.y_max = _ENDLESS if edges is None else edges.y_max
         constants = model_constants(
             cables, self.cable_segment_count, dt, far_is_held, self.end, grip_cells
         )

@@ -37,6 +37,7 @@ from cablecast.engines.warp_.world import Features
 from cablecast.errors import InputError, check_count
 from cablecast.files import core_count
 from cablecast.motion.grip_path import GripPath
+from cablecast.workspace import Workspace
 
 DEFAULT_SEGMENT_COUNT = 50
 DEFAULT_DT = 5e-3 / 9
@@ -52,7 +53,7 @@ at Coulomb's limit move by less than 0.1 um in 20 s at up to a share of 0.18, by
 REST_DURATION = 0.05
 """Time for which a world must be slow to be at rest [s]."""
 
-MODEL_VERSION = 8
+MODEL_VERSION = 9
 """Counts the changes that move landings by more than rounding does. It is among the settings of a
 dataset, so that casts of one model are never continued with those of another."""
 
@@ -147,6 +148,7 @@ class EngineWarp:
         sample_dt: float = 0.1,
         *,
         far_path: GripPath | None = None,
+        edges: Workspace | None = None,
         record_nodes: bool = False,
         record_forces: bool = False,
     ) -> Rollout:
@@ -200,6 +202,7 @@ class EngineWarp:
                 cables.rows(worlds),
                 rows_of(grip_path, worlds),
                 rows_of(far_path, worlds),
+                edges,
                 dataclasses.replace(
                     plan,
                     initial_state=rows_of(plan.initial_state, worlds),
@@ -220,6 +223,7 @@ class EngineWarp:
         cables: CableRows,
         grip_path: GripPath,
         far_path: GripPath | None,
+        edges: Workspace | None,
         plan: RolloutPlan,
         dt: float,
         record_nodes: bool,
@@ -259,6 +263,7 @@ class EngineWarp:
                 cables,
                 dt,
                 self.gravity,
+                edges,
                 far_is_held=far_path is not None,
                 grip_cells=0.0 if self.hinged else CLAMP_CELLS,
             ),

@@ -35,6 +35,8 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
     real, lane, vec3, scale, mul = f.real, f.lane, f.vec3, f.scale, f.mul
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
     airborne_weight = wp.constant(1.0e6)  # squared speed per height of a free end [m/s²]
+    fallen = wp.constant(0.05)  # depth below the table [m]
+    step_scale = wp.constant(1.0e9)
     swing_weight = wp.constant(1.0e-4)  # of squared speeds outside the last quarter [-]
 
     @wp.func
@@ -106,8 +108,8 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
         Returns:
             The largest squared horizontal speed of any node [m²/s²]. A free end in the air counts
-            as moving. What hangs from the gripper may swing on for seconds, so that speeds outside
-            the last quarter of the cable count a hundredth.
+            as moving, one that fell off the table as at rest. What hangs from the gripper may swing
+            on for seconds, so that speeds outside the last quarter of the cable count a hundredth.
         """
         last = model.node_count - 1
         position = state.position[group]
@@ -123,7 +125,9 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
             weight = wp.max(in_last_quarter, real(swing_weight))
             fastest = f.larger(fastest, (mul(v[0], v[0]) + mul(v[1], v[1])) * weight)
             node += 1
-        return fastest
+        # 1 for a free end above the depth at which it has fallen off, 0 below.
+        above = (position[model.endpoint][2] + lane(real(fallen))) * real(step_scale)
+        return mul(f.smaller(f.larger(above, lane()), lane(real(1.0))), fastest)
 
     return SimpleNamespace(
         predict_velocities=predict_velocities, drive_held_ends=drive_held_ends, move=move

@@ -17,6 +17,12 @@ stretches the part along the cable by r, a node that slips at s loses mu N S (S 
 normal of the ellipse at which the most energy is lost, and one that sticks may lose up to where
 |S^-1 loss| = mu N.
 
+Edges. The table is a box whose edges are rounded by the length of a segment, so that nodes pass
+them one by one without a jolt. A cable hangs over an edge and is pulled back over it. The contact
+and the friction of a node on the edge or at a side are those of one on top, turned to the normal
+there: with n the normal and z up, R v = v - (n + z) ((n + z) v) / (1 + n z) + 2 z (n v) turns n
+upwards.
+
 Rolling. Friction that takes lateral velocity from a node spins up the segments beside it, since it
 acts at the surface. Rolling friction is a torque of at most the normal force times a lever arm; it
 stops a spin and never reverses it. A node slides according to how its segments roll, and a segment
@@ -43,6 +49,9 @@ RECOVERY = 0.2
 """Share of a penetration that one step undoes: enough to hold nodes at the surface to a
 micrometre, too little to make them hop."""
 
+EDGE_CELLS = 1.0
+"""Radius of the edges of the table over the length of a segment [-]."""
+
 
 @functools.cache
 def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
@@ -50,8 +59,132 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     real, lane, vec3, mul = f.real, f.lane, f.vec3, f.mul
+    Model, State = s.Model, s.State
+    edge_cells = wp.constant(EDGE_CELLS)
+    tiny = wp.constant(1.0e-12)
+    step_scale = wp.constant(1.0e9)
+
+    @wp.func
+    def is_positive(value: lane):
+        """Return 1 for worlds where a number is positive, else 0 [-]."""
+        return f.smaller(f.larger(value * real(step_scale), lane()), lane(real(1.0)))
+
+    @wp.func
+    def past_edge(model: Model, group: int, x: vec3):
+        """Return how far a node is beyond where the nearest edge begins to round [m]."""
+        aside = lane(model.half_width) - f.absolute(x[0])
+        ahead = f.smaller(x[1] - lane(model.y_min), lane(model.y_max) - x[1])
+        return model.segment_length[group] * real(edge_cells) - f.smaller(aside, ahead)
+
+    @wp.func
+    def from_edge(model: Model, group: int, x: vec3, past: lane):
+        """Return the vector from the axis of the nearest edge's rounding to a node [m].
+
+        It is upright on top of the table, where nothing is past the edge, and level at a side.
+        """
+        one = lane(real(1.0))
+        ahead = f.smaller(x[1] - lane(model.y_min), lane(model.y_max) - x[1])
+        is_aside = is_positive(ahead - lane(model.half_width) + f.absolute(x[0]))
+        middle = lane(real(0.5) * (model.y_min + model.y_max))
+        out = f.larger(past, lane())
+        side = is_positive(x[0]) * real(2.0) - one
+        end = is_positive(x[1] - middle) * real(2.0) - one
+        return wp.matrix_from_rows(
+            mul(out, mul(is_aside, side)),
+            mul(out, mul(one - is_aside, end)),
+            f.larger(x[2] + model.segment_length[group] * real(edge_cells), lane()),
+        )
+
+    @wp.func
+    def normal_at(model: Model, group: int, x: vec3, past: lane):
+        """Return the normal of the table at a node [-]; that of its top where nothing is past."""
+        arm = from_edge(model, group, x, past)
+        is_past = is_positive(past)
+        size = f.root(f.dot(arm, arm)) + lane(real(tiny))
+        up = lane(real(1.0)) - is_past
+        normal = f.scale(f.div(is_past, size), arm)
+        return wp.matrix_from_rows(normal[0], normal[1], normal[2] + up)
+
+    @wp.func
+    def gap_at(model: Model, group: int, x: vec3, past: lane):
+        """Return the distance of a node from the table, less the cable's radius [m]."""
+        on_top = x[2] - model.radius[group]
+        arm = from_edge(model, group, x, past)
+        rounding = model.segment_length[group] * real(edge_cells)
+        at_edge = f.root(f.dot(arm, arm)) - rounding - model.radius[group]
+        return on_top + mul(is_positive(past), at_edge - on_top)
+
+    @wp.func
+    def turn_up(vector: vec3, normal: vec3):
+        """Return a vector turned as a normal is turned upwards, in the unit of the vector."""
+        one = lane(real(1.0))
+        sum = wp.matrix_from_rows(normal[0], normal[1], normal[2] + one)
+        turned = vector - f.scale(f.div(f.dot(sum, vector), one + normal[2]), sum)
+        return wp.matrix_from_rows(
+            turned[0], turned[1], turned[2] + f.dot(normal, vector) * real(2.0)
+        )
+
+    @wp.func
+    def turn_back(vector: vec3, normal: vec3):
+        """Return a vector that `turn_up` turned as it was."""
+        one = lane(real(1.0))
+        sum = wp.matrix_from_rows(normal[0], normal[1], normal[2] + one)
+        turned = vector - f.scale(f.div(f.dot(sum, vector), one + normal[2]), sum)
+        return turned + f.scale(vector[2] * real(2.0), normal)
+
+    @wp.func
+    def nearest_edge(model: Model, state: State, group: int):
+        """Return how far any node of a group is beyond where an edge begins to round [m]."""
+        position = state.position[group]
+        past = past_edge(model, group, position[1])
+        node = int(2)
+        while node < model.node_count:
+            past = f.larger(past, past_edge(model, group, position[node]))
+            node += 1
+        return wp.max(past)
+
+    @wp.func
+    def lateral(vector: vec3, axis: vec3):
+        """Return the component of a vector along axis x z, in the unit of the vector."""
+        return mul(vector[0], axis[1]) - mul(vector[1], axis[0])
+
+    @wp.func
+    def add_lateral(vector: vec3, value: lane, axis: vec3):
+        """Return a vector plus a value along axis x z, both in the same unit."""
+        return wp.matrix_from_rows(
+            vector[0] + mul(value, axis[1]), vector[1] - mul(value, axis[0]), vector[2]
+        )
+
+    @wp.func
+    def clamp(value: lane, limit: lane):
+        """Return a value bounded to plus or minus a limit, both in the same unit."""
+        return f.smaller(f.larger(value, -limit), limit)
+
+    return SimpleNamespace(
+        nearest_edge=nearest_edge,
+        past_edge=past_edge,
+        gap_at=gap_at,
+        normal_at=normal_at,
+        turn_up=turn_up,
+        turn_back=turn_back,
+        lateral=lateral,
+        add_lateral=add_lateral,
+        clamp=clamp,
+    )
+
+
+@functools.cache
+def pressing_functions(precision: str, lane_count: int, at_edge: bool) -> SimpleNamespace:
+    """Build the Warp function of normal impulses.
+
+    `at_edge` is true for a group of which a node is at an edge; otherwise that costs nothing.
+    """
+    f = lane_functions(precision, lane_count)
+    s = world_structs(precision, lane_count)
+    contact = contact_functions(precision, lane_count)
+    real, lane, mul = f.real, f.lane, f.mul
     Model, State, Scratch = s.Model, s.State, s.Scratch
-    recovery = wp.constant(RECOVERY)
+    recovery, edged = wp.constant(RECOVERY), wp.constant(at_edge)
 
     @wp.func
     def press_nodes(model: Model, state: State, scratch: Scratch, group: int):
@@ -75,9 +208,15 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         node = int(1)
         while node < model.node_count:
             gap = position[node][2] - radius
+            rising = predicted[node][2]
+            if edged:
+                x = position[node]
+                past = contact.past_edge(model, group, x)
+                gap = contact.gap_at(model, group, x, past)
+                rising = f.dot(contact.normal_at(model, group, x, past), predicted[node])
             closing = f.larger(gap, lane()) * (-inverse_dt)
             recovering = f.smaller(gap, lane()) * (real(recovery) * inverse_dt)
-            normal_impulse = f.larger(closing - recovering - predicted[node][2], lane())
+            normal_impulse = f.larger(closing - recovering - rising, lane())
             normal_impulses[node] = normal_impulse
             if node == last:
                 before = mul(model.near_ratio[group], before)
@@ -87,26 +226,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         # The gripped node feels no table; its segment rolls by the other node alone.
         loads[0] = normal_impulses[1] * real(2.0)
 
-    @wp.func
-    def lateral(vector: vec3, axis: vec3):
-        """Return the component of a vector along axis x z, in the unit of the vector."""
-        return mul(vector[0], axis[1]) - mul(vector[1], axis[0])
-
-    @wp.func
-    def add_lateral(vector: vec3, value: lane, axis: vec3):
-        """Return a vector plus a value along axis x z, both in the same unit."""
-        return wp.matrix_from_rows(
-            vector[0] + mul(value, axis[1]), vector[1] - mul(value, axis[0]), vector[2]
-        )
-
-    @wp.func
-    def clamp(value: lane, limit: lane):
-        """Return a value bounded to plus or minus a limit, both in the same unit."""
-        return f.smaller(f.larger(value, -limit), limit)
-
-    return SimpleNamespace(
-        press_nodes=press_nodes, lateral=lateral, add_lateral=add_lateral, clamp=clamp
-    )
+    return SimpleNamespace(press_nodes=press_nodes)
 
 
 COUPLE_STIFFNESS = 0.125
@@ -181,8 +301,12 @@ def spinning_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
 
 @functools.cache
-def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
-    """Build the Warp functions of rolling, and the struct `Roll`."""
+def rolling_functions(precision: str, lane_count: int, at_edge: bool) -> SimpleNamespace:
+    """Build the Warp functions of rolling, and the struct `Roll`.
+
+    Those of a group at an edge have names of their own: the compiler takes a function into a loop
+    where it is called once.
+    """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     twist = twist_functions(precision, lane_count, False)
@@ -214,7 +338,7 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
         """Return a spin less at most a limit, never past zero, all in [rad/s]."""
         return f.larger(spin - limit, lane()) + f.smaller(spin + limit, lane())
 
-    @wp.func
+    @wp.func(name=f"predict_roll_{at_edge}")
     def predict_roll(
         model: Model, state: State, scratch: Scratch, group: int, segment: int, near_ratio: lane
     ):
@@ -310,21 +434,24 @@ def rolling_functions(precision: str, lane_count: int) -> SimpleNamespace:
 
 
 @functools.cache
-def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleNamespace:
+def sliding_functions(
+    precision: str, lane_count: int, grained: bool, at_edge: bool
+) -> SimpleNamespace:
     """Build the Warp functions of sliding friction.
 
-    `grained` is true where friction differs along and across the cable; otherwise that costs
-            nothing.
+    `grained` is true where friction differs along and across the cable, `at_edge` for a group of
+    which a node is at an edge; otherwise these cost nothing.
     """
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     contact = contact_functions(precision, lane_count)
-    rolling = rolling_functions(precision, lane_count)
+    rolling = rolling_functions(precision, lane_count, at_edge)
     real, lane, vec3, scale, mul, div = f.real, f.lane, f.vec3, f.scale, f.mul, f.div
     Model, State, Scratch, Roll = s.Model, s.State, s.Scratch, rolling.Roll
     tiny = wp.constant(1.0e-12)
     sign_scale = wp.constant(1.0e9)
     upright = wp.constant(1.0e-6)
+    edged = wp.constant(at_edge)
 
     @wp.func
     def slide_nodes(model: Model, state: State, scratch: Scratch, group: int):
@@ -358,6 +485,7 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         near_ratio = model.near_ratio[group]
         roll_after = Roll()
         pull_after = vec3()
+        up = wp.matrix_from_rows(lane(), lane(), one)
         node = int(last)
         while node > 0:
             x_before = position[node - 1]
@@ -370,6 +498,10 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
             axis = scale(half_inverse_length * share, x_after - x + stretched_edge)
             normal_impulse = normal_impulses[node]
             free = predicted[node]
+            normal = up
+            if edged:
+                normal = contact.normal_at(model, group, x, contact.past_edge(model, group, x))
+                axis = contact.turn_up(axis, normal)
             loss = friction_loss(
                 model,
                 group,
@@ -379,10 +511,14 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
                 free + tensed,
                 roll,
                 axis,
+                normal,
             )
             losses[node] = contact.lateral(loss, axis)
             v = free - loss
-            v[2] = v[2] + normal_impulse
+            if edged:
+                v = free - contact.turn_back(loss, normal) + scale(normal_impulse, normal)
+            else:
+                v[2] = v[2] + normal_impulse
             predicted[node] = v
             velocity[node] = v
             x_after = x_before + stretched_edge
@@ -406,8 +542,11 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
         end: vec3,
         roll: Roll,
         axis: vec3,
+        normal: vec3,
     ):
-        """Return the horizontal velocity that Coulomb friction takes from a node [m/s].
+        """Return the velocity along the table that Coulomb friction takes from a node [m/s].
+
+        At an edge it is turned as the normal is turned upwards, as is the axis.
 
         A node that slips on loses the limit along the mean slip velocity over the step, which makes
         sliding second order in time. A node that sticks loses what stops its contact point: all of
@@ -423,7 +562,11 @@ def sliding_functions(precision: str, lane_count: int, grained: bool) -> SimpleN
             end: Predicted velocity of the node without friction [m/s].
             roll: Mean `Roll` of the segments beside the node.
             axis: Axis of the cable at the node [-].
+            normal: Normal of the table at the node [-].
         """
+        if edged:
+            start = contact.turn_up(start, normal)
+            end = contact.turn_up(end, normal)
         one = lane(real(1.0))
         small = lane(real(tiny))
         radius = model.radius[group]
@@ -494,11 +637,17 @@ def table_functions(precision: str, lane_count: int, features: Features) -> Simp
     f = lane_functions(precision, lane_count)
     s = world_structs(precision, lane_count)
     twist = twist_functions(precision, lane_count, False)
-    lane, mul = f.lane, f.mul
+    real, lane, mul = f.real, f.lane, f.mul
     contact = contact_functions(precision, lane_count)
     spinning = spinning_functions(precision, lane_count)
-    sliding = sliding_functions(precision, lane_count, features.surface)
-    rolling = rolling_functions(precision, lane_count)
+    press_nodes, press_at_edge = (
+        pressing_functions(precision, lane_count, at_edge).press_nodes for at_edge in (False, True)
+    )
+    slide_nodes, slide_at_edge = (
+        sliding_functions(precision, lane_count, features.surface, at_edge).slide_nodes
+        for at_edge in (False, True)
+    )
+    rolling = rolling_functions(precision, lane_count, False)
     Model, State, Scratch = s.Model, s.State, s.Scratch
 
     @wp.func
@@ -510,9 +659,16 @@ def table_functions(precision: str, lane_count: int, features: Features) -> Simp
             scratch: Predicted velocities, which are updated, and spins.
             active: 1, or 0 for worlds at rest.
         """
-        contact.press_nodes(model, state, scratch, group)
+        at_edge = contact.nearest_edge(model, state, group) > real(0.0)
+        if at_edge:
+            press_at_edge(model, state, scratch, group)
+        else:
+            press_nodes(model, state, scratch, group)
         spinning.resist_turning(model, state, scratch, group)
-        sliding.slide_nodes(model, state, scratch, group)
+        if at_edge:
+            slide_at_edge(model, state, scratch, group)
+        else:
+            slide_nodes(model, state, scratch, group)
         rolling.finish_rolls(model, state, scratch, group, active)
 
     @wp.func

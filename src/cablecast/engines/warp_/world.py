@@ -37,6 +37,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             far_is_held: 1 where a second gripper holds the far end, else 0.
             dt: Step [s].
             gravity: Acceleration of free fall [m/s²].
+            half_width, y_min, y_max: Edges of the table [m]: the largest |x|, and the bounds of y.
             segment_length: Length of a segment [m], shape [group].
             inverse_length: 1 over it [1/m], shape [group].
             inverse_square: 1 over its square [1/m²], shape [group].
@@ -104,6 +105,9 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         far_is_held: int
         dt: real
         gravity: real
+        half_width: real
+        y_min: real
+        y_max: real
         segment_length: wp.array(dtype=lane)
         inverse_length: wp.array(dtype=lane)
         inverse_square: wp.array(dtype=lane)
