@@ -10,9 +10,7 @@ from cablecast.errors import ActionError, InputError, JointLimitError
 from cablecast.motion.action import ACTION_SIZE, ActionRanges, grid_actions, mirror_actions
 from cablecast.motion.casting import Action, cast_grip_paths
 from cablecast.motion.feasibility import (
-    LIMIT_SHARE,
     check_actions,
-    check_grip_paths,
     feasible_actions,
     feasible_grid,
     feasible_ranges,
@@ -20,6 +18,7 @@ from cablecast.motion.feasibility import (
     uniform_actions,
 )
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.limits import LIMIT_SHARE, check_grip_paths
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import MotionConfig, Setup
 from cablecast.workspace import Workspace

@@ -11,8 +11,8 @@ from cablecast.cable import CABLE_NAMES
 from cablecast.conventions import polar_to_xy
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError, JointLimitError
-from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.limits import check_grip_paths
 from cablecast.motion.polar import (
     PolarCast,
     PolarCastConfig,

@@ -9,8 +9,9 @@ from cablecast.cable import CABLE_NAMES
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.casting import cast_grip_paths
-from cablecast.motion.feasibility import LIMIT_SHARE, check_grip_paths, feasible_uniform
+from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.limits import LIMIT_SHARE, check_grip_paths
 from cablecast.motion.polar import PolarCastConfig, plan_reset, reset_path, reset_pose
 from cablecast.setup import Setup
 

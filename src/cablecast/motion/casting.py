@@ -20,6 +20,7 @@ from cablecast.motion.action import (
     check_action_values,
 )
 from cablecast.motion.grip_path import GripPath, Profiles, plan_profiles
+from cablecast.motion.trajectory import JointPath, follow
 from cablecast.setup import Setup
 
 # Longest quintic pieces that follow the polar path to within 1e-6 m at a radius of 0.8 m. At
@@ -56,7 +57,6 @@ class Action:
 
     family: ClassVar[str] = "sweep"
     parameters: ClassVar[tuple[str, ...]] = ACTION_NAMES
-    near_table: ClassVar[bool] = True
 
     def __post_init__(self):
         check_action_values(self.to_array()[None])
@@ -85,6 +85,10 @@ class Action:
     def grip_path(self, setup: Setup) -> GripPath:
         """Return the path of the gripper, one row."""
         return cast_grip_paths(self.to_array()[None], setup)
+
+    def set_points(self, grip_path: GripPath, setup: Setup) -> JointPath:
+        """Return the set points of the joints that follow the path of the gripper."""
+        return follow(grip_path, setup, str(self), casting=True)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

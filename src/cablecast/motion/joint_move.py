@@ -16,6 +16,7 @@ from cablecast.arm.base import Arm, LimitPeak, limit_violations, rod_ends
 from cablecast.arm.shape import ArmShape, self_gaps
 from cablecast.errors import InputError, check_number, check_ranges
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.trajectory import JointPath, check_set_points
 from cablecast.setup import Setup
 
 Array = NDArray[np.float64]
@@ -287,7 +288,6 @@ class JointMove:
 
     family: ClassVar[str] = "swing"
     parameters: ClassVar[tuple[str, ...]] = ("swing_speed", *TURN_NAMES)
-    near_table: ClassVar[bool] = False
 
     speed: float
     turns: tuple[float, ...]
@@ -320,14 +320,14 @@ class JointMove:
         unit = moves.unit_of(self)
         return moves.grip_path(unit, float(moves.duration(unit)))
 
-    def set_points(self, setup: Setup) -> tuple[Array, Array, Array]:
-        """Return times [s], angles [rad] and rates [rad/s] at the robot's control cycle."""
+    def set_points(self, grip_path: GripPath, setup: Setup) -> JointPath:
+        """Return the angles that the move is made of, at the robot's control cycle."""
         moves, dt = JointMoves.of(setup), setup.motion.control_dt
         unit = moves.unit_of(self)
         count = math.ceil(float(moves.duration(unit)) / dt - 1e-9) + 1
         times = np.arange(count, dtype=float) * dt
         (q,), (qd,) = moves.angles(unit[None], times)
-        return times, q, qd
+        return check_set_points(JointPath(times=times, q=q, qd=qd), setup, str(self))
 
 
 def knot_times(duration: float) -> Array:

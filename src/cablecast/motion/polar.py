@@ -22,7 +22,7 @@ from cablecast.cable import Cable
 from cablecast.conventions import GRAVITY, polar_to_xy, xy_to_polar
 from cablecast.errors import InputError, JointLimitError, TargetError, check_number
 from cablecast.motion.grip_path import SMOOTH, GripPath, PlanePath
-from cablecast.motion.trajectory import Trajectory, follow
+from cablecast.motion.trajectory import JointPath, Trajectory, follow
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 # Factor of the paper's reach, either way, up to which the paper's radii serve.
 _SAME_REACH = 1.05
 
-_PACES = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
+_SLOWDOWNS = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
 """Multiples of a reset's times that are tried, until the arm can follow: swings up to 1.3 times as
 slow still lay the cable out, and one of 1.5 leaves it slack (fast engine, both ropes)."""
 
@@ -408,7 +408,6 @@ class PolarCast:
 
     family: ClassVar[str] = "polar"
     parameters: ClassVar[tuple[str, ...]] = ("polar_azimuth", "polar_x", "polar_y", "polar_pace")
-    near_table: ClassVar[bool] = False
 
     def __post_init__(self):
         check_finite("polar cast", self.to_array(), len(self.parameters))
@@ -466,6 +465,10 @@ class PolarCast:
         if abs(xy_to_polar(end)[1] - self.azimuth) < 1e-9:
             return _pull_back(path, float(np.hypot(*end)), config).grip_path()
         return _pull_aside(path, end, cable, config).grip_path()
+
+    def set_points(self, grip_path: GripPath, setup: Setup) -> JointPath:
+        """Return the set points of the joints that follow the path of the gripper."""
+        return follow(grip_path, setup, str(self))
 
 
 def _pull_aside(path: PlanePath, end: Array, cable: Cable, config: PolarCastConfig) -> PlanePath:
@@ -610,8 +613,13 @@ def plan_reset(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
     config = config or PolarCastConfig.of(setup.workspace)
-    for pace in _PACES[:-1]:
+    *quicker, slowest = _SLOWDOWNS
+
+    def planned(times: float, what: str) -> Trajectory:
+        path = reset_path(start, setup, config.slowed(times))
+        return Trajectory(action=None, grip_path=path, joint_path=follow(path, setup, what))
+
+    for times in quicker:
         with contextlib.suppress(JointLimitError):
-            return follow(reset_path(start, setup, config.slowed(pace)), setup, "this reset")
-    slowest = reset_path(start, setup, config.slowed(_PACES[-1]))
-    return follow(slowest, setup, f"this reset, even {_PACES[-1]:g} times as slow")
+            return planned(times, "this reset")
+    return planned(slowest, f"this reset, even {slowest:g} times as slow")

@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import limit_violations
 from cablecast.errors import IKError, InputError, JointLimitError
-from cablecast.motion.feasibility import check_grip_paths
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.joint_move import JointMove
+from cablecast.motion.limits import check_grip_paths
 from cablecast.setup import Setup
 
 
@@ -87,12 +86,10 @@ class Motion(Protocol):
     Attributes:
         family: Name of the family in files.
         parameters: Names of the parameters, which are columns of datasets.
-        near_table: Whether the gripper must keep in front of the table's near edge throughout.
     """
 
     family: ClassVar[str]
     parameters: ClassVar[tuple[str, ...]]
-    near_table: ClassVar[bool]
 
     def to_array(self) -> NDArray[np.float64]:
         """Return the parameters, shape [parameter]."""
@@ -116,6 +113,14 @@ class Motion(Protocol):
 
         Raises:
             InputError: There is none in this set-up.
+        """
+        ...
+
+    def set_points(self, grip_path: GripPath, setup: Setup) -> JointPath:
+        """Return the set points of the joints; `grip_path` is that of the motion in this set-up.
+
+        Raises:
+            JointLimitError: The motion violates limits; the message names each with its value.
         """
         ...
 
@@ -151,33 +156,31 @@ def plan_trajectory(action: Motion, setup: Setup) -> Trajectory:
         InputError: There is no such motion in this set-up.
         JointLimitError: The motion violates limits; the message names each with its value.
     """
-    if isinstance(action, JointMove):
-        times, q, qd = action.set_points(setup)
-        path = JointPath(times=times, q=q, qd=qd)
-        _check_set_points(path, setup, str(action))
-        return Trajectory(action=action, grip_path=action.grip_path(setup), joint_path=path)
-    return follow(action.grip_path(setup), setup, str(action), action)
+    grip_path = action.grip_path(setup)
+    path = action.set_points(grip_path, setup)
+    return Trajectory(action=action, grip_path=grip_path, joint_path=path)
 
 
-def follow(
-    grip_path: GripPath, setup: Setup, what: str, action: Motion | None = None
-) -> Trajectory:
-    """Add the joint set points that follow a grip path of one row; `what` names it in the error.
+def follow(grip_path: GripPath, setup: Setup, what: str, *, casting: bool = False) -> JointPath:
+    """Return the set points that follow a grip path of one row.
+
+    Args:
+        grip_path: Path of the gripper.
+        setup: Set-up with the arm.
+        what: Name of the motion in the error.
+        casting: Whether the gripper must stay in front of the table's near edge.
 
     Raises:
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    casting = action is not None and action.near_table
     feasibility = check_grip_paths(grip_path, setup, casting=casting)
     if not feasibility.mask[0]:
         raise JointLimitError(f"the arm cannot follow {what}: {feasibility.describe(0)}")
-    path = joint_path(grip_path, setup)
-    _check_set_points(path, setup, what)
-    return Trajectory(action=action, grip_path=grip_path, joint_path=path)
+    return check_set_points(joint_path(grip_path, setup), setup, what)
 
 
-def _check_set_points(path: JointPath, setup: Setup, what: str) -> None:
-    """Raise JointLimitError where set points ask for more than a limit.
+def check_set_points(path: JointPath, setup: Setup, what: str) -> JointPath:
+    """Return set points; raise JointLimitError if they ask for more than a limit.
 
     `check_grip_paths` looks at samples of the path. On a slow sweep close to the base they lie far
     apart, and a joint may peak between them. The set points are what the arm gets.
@@ -195,3 +198,4 @@ def _check_set_points(path: JointPath, setup: Setup, what: str) -> None:
             f"{peak.kind.name.lower()} {abs(peak.value):.4g} {peak.kind.value}, above "
             f"{peak.bound:.4g} {peak.kind.value}"
         )
+    return path

@@ -20,14 +20,13 @@ from cablecast.evaluation.coverage import R0_CHOICES
 from cablecast.files import write_bytes
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import (
-    Feasibility,
     check_actions,
-    check_grip_paths,
     feasible_uniform,
     uniform_actions,
     widest_ranges,
 )
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.limits import Feasibility, check_grip_paths
 from cablecast.motion.polar import PullReach
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore

@@ -21,7 +21,7 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.motion.action import mirror_to_right
 from cablecast.motion.casting import Action
-from cablecast.motion.feasibility import check_grip_paths
+from cablecast.motion.limits import check_grip_paths
 from cablecast.motion.trajectory import Trajectory
 from cablecast.report.words import change_text, stop_text
 from cablecast.rigs.checked import CheckedRig
