@@ -96,8 +96,7 @@ class Luck:
     def __init__(self, rig: CheckedRig, first: int):
         self.rig, self.first = rig, first
         self.setup, self.description = rig.setup, rig.description
-        if hasattr(rig, "sight"):
-            self.sight = rig.sight
+        self.sight = rig.sight
 
     def seek(self, index: int, purpose: str = "") -> None:
         seek_trial(self.rig, self.first + index, purpose)

@@ -243,7 +243,7 @@ class CastSession(abc.ABC):
 
     def look(self, rig: CheckedRig) -> None:
         """Ask a rig what its camera cannot see, and aim past it; `play` does so after each cast."""
-        if hasattr(rig, "sight"):
+        if rig.sight is not None:
             self.sight = rig.sight()
 
     def _check_next(self, proposal: Proposal) -> None:

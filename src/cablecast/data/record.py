@@ -161,7 +161,7 @@ class _Recording:
         self._report(done)
         # A rig that makes many trials at once returns no track before the last is done. A batch is
         # small, because a kill loses it.
-        size = _CASTS_PER_CORE * core_count() if hasattr(self.rig, "execute_many") else 1
+        size = 1 if self.rig.execute_many is None else _CASTS_PER_CORE * core_count()
         with _reserved_space(self.writer.path, size * _ROW_BYTES_MAX) as release:
             for batch in _consecutive(missing, size):
                 full: OSError | None = None
@@ -189,12 +189,13 @@ class _Recording:
         """Make the trials of consecutive indices, and yield the row of each."""
         motions = [self.plan.motion(index // self.plan.repeats) for index in batch]
         tracks: Sequence[EndpointTrack | None] = [None] * len(batch)
-        if len(batch) > 1:
+        execute_many = self.rig.execute_many
+        if execute_many is not None and len(batch) > 1:
             seek_trial(self.rig, batch[0], self._purpose)
             # If one trial of a batch fails, each is tried on its own, so that the others are kept.
             # After a stop by a person nothing moves again.
             try:
-                tracks = self.rig.execute_many(motions)
+                tracks = execute_many(motions)
             except StoppedError as error:
                 raise RigError(
                     f"trials {batch[0]} to {batch[-1]} failed because: {error}. The same command "

@@ -81,7 +81,7 @@ Answer = TypeVar("Answer")
 class CheckedRig(RigLifecycle):
     """A rig whose every answer is checked; `make_rig` returns one.
 
-    It has `seek`, `execute_many`, `picture` and `sight` exactly where the rig itself has them.
+    Its `seek`, `execute_many`, `picture` and `sight` are None if the rig itself has no such method.
     Whatever the rig raises comes out as a CablecastError, but for KeyboardInterrupt. As a context
     manager it closes the rig at the end, and an error in closing never hides an earlier one.
 
@@ -99,11 +99,6 @@ class CheckedRig(RigLifecycle):
         InputError: The time limit is out of bounds.
     """
 
-    seek: Callable[..., None]
-    execute_many: Callable[..., list[EndpointTrack]]
-    picture: Callable[[], NDArray[np.uint8] | None]
-    sight: Callable[[], CameraSight | None]
-
     def __init__(self, rig: Rig, setup: Setup, *, time_limit: float | None = TIME_LIMIT):
         super().__init__()
         if missing := missing_parts(rig):
@@ -117,12 +112,12 @@ class CheckedRig(RigLifecycle):
         self.description: dict[str, Any] = check_description(
             self._call("description", lambda: rig.description)
         )
-        # What the rig lacks, this one lacks too: callers ask by hasattr.
-        for name in ("seek", "execute_many", "picture", "sight"):
-            if callable(getattr(rig, name, None)):
-                setattr(self, name, getattr(self, f"_{name}"))
+        self.seek = self._seek if has_method(rig, "seek") else None
+        self.execute_many = self._execute_many if has_method(rig, "execute_many") else None
+        self.picture = self._picture if has_method(rig, "picture") else None
+        self.sight = self._sight if has_method(rig, "sight") else None
         # Otherwise the trials of all purposes would be scattered alike.
-        if hasattr(self, "seek") and not takes(self.rig.seek, 0, "tune"):
+        if self.seek is not None and not takes(self.rig.seek, 0, "tune"):
             raise RigError(
                 "the rig's seek must take an index and a purpose, seek(index, purpose=''), and "
                 "draw differently for each purpose"
@@ -222,11 +217,16 @@ class CheckedRig(RigLifecycle):
             return call_within(limit, f"the rig's {name}", call)
 
 
+def has_method(rig: object, name: str) -> bool:
+    """Return whether a rig has a method of a name."""
+    return callable(getattr(rig, name, None))
+
+
 def missing_parts(rig: object) -> list[str]:
     """Return the names of what an object lacks to be a rig."""
     if isinstance(rig, type):
         return [*_METHODS, "description"]
-    missing = [name for name in _METHODS if not callable(getattr(rig, name, None))]
+    missing = [name for name in _METHODS if not has_method(rig, name)]
     # Not read here: a description may be computed, and fail.
     if not hasattr(type(rig), "description") and not hasattr(rig, "description"):
         missing.append("description")

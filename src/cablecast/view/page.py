@@ -129,8 +129,8 @@ class Page:
             self._add_share_tab(gui)
         self._add_playback(gui)
         self._add_view(gui)
-        if hasattr(desk.rig, "picture"):
-            self._add_camera(gui)
+        if desk.rig.picture is not None:
+            self._add_camera(gui, desk.rig.picture)
         self._map_is_shown = False
         # Not the scene's own clicks: those leave out taps of a finger.
         self.stage.table.on_click(self._clicked)
@@ -522,8 +522,8 @@ class Page:
         box.on_update(lambda _: self.guard(show_map))
         self._refreshers.append(lambda: update(box, disabled=self.desk.session is None))
 
-    def _add_camera(self, gui: Any) -> None:
-        """Add the latest picture of the rig's camera; a thread asks for it, also in mid-cast."""
+    def _add_camera(self, gui: Any, take: Callable[[], NDArray[np.uint8] | None]) -> None:
+        """Add the latest picture of the rig's camera; a thread takes it, also in mid-cast."""
         folder = gui.add_folder("Camera", visible=False)
         with folder:
             image = gui.add_image(
@@ -536,7 +536,7 @@ class Page:
             while not self._ended.wait(_CAMERA_EVERY):
                 picture, words = None, ""
                 try:
-                    picture = self.desk.rig.picture()
+                    picture = take()
                 except CablecastError as error:
                     words = str(error)
                 update(trouble, content=words, visible=bool(words))
