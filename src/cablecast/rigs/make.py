@@ -77,39 +77,51 @@ def _is_engine(spec: str) -> bool:
 
 def _make(spec: Any, setup: Setup, seed: int) -> Rig:
     """Return the rig itself, or what `CheckedRig` refuses as none."""
-    laboratory = _LABORATORY.fullmatch(spec) if isinstance(spec, str) else None
-    if laboratory is not None and setup.strike is not None:
-        from cablecast.rigs.virtual.strike import RigStrike, StrikeLabConfig
-
-        return RigStrike(setup, seed, StrikeLabConfig(lab_seed=int(laboratory[1] or 0)))
-    if laboratory is not None:
-        from cablecast.rigs.virtual import RigVirtual, VirtualConfig
-
-        return RigVirtual(setup, seed, VirtualConfig(lab_seed=int(laboratory[1] or 0)))
-    if isinstance(spec, str) and _is_engine(spec) and setup.strike is not None:
-        from cablecast.rigs.engine import RigSwing
-
-        return RigSwing(setup)
-    if isinstance(spec, str) and _is_engine(spec):
-        from cablecast.rigs.engine import RigEngine
-
-        return RigEngine(make_engine(spec.partition(":")[2] or "warp"), setup)
-    if isinstance(spec, str) and spec in DRIVERS and setup.strike is not None:
-        raise RigError(
-            f"--rig {spec} has no camera that sees the plane of a swing: give a rig of your own, "
-            "which returns RigSwingArm(setup, camera) with your camera (docs/strike.md)"
-        )
-    if isinstance(spec, str) and spec in DRIVERS:
-        from cablecast.rigs.arm import RigArm
-
-        return RigArm(setup, driver=spec)
     if isinstance(spec, str):
+        named = _swung if setup.strike is not None else _cast
+        if (rig := named(spec, setup, seed)) is not None:
+            return rig
         with _working_directory_importable():
             return _from_factory(_named_factory(spec), spec, setup, seed)
     if missing_parts(spec) and callable(spec):
         name = getattr(spec, "__qualname__", type(spec).__name__)
         return _from_factory(spec, name, setup, seed)
     return spec
+
+
+def _cast(spec: str, setup: Setup, seed: int) -> Rig | None:
+    """Return the rig of a name in `RIG_NAMES` that casts onto a table; None for another name."""
+    if laboratory := _LABORATORY.fullmatch(spec):
+        from cablecast.rigs.virtual import RigVirtual, VirtualConfig
+
+        return RigVirtual(setup, seed, VirtualConfig(lab_seed=int(laboratory[1] or 0)))
+    if _is_engine(spec):
+        from cablecast.rigs.engine import RigEngine
+
+        return RigEngine(make_engine(spec.partition(":")[2] or "warp"), setup)
+    if spec in DRIVERS:
+        from cablecast.rigs.arm import RigArm
+
+        return RigArm(setup, driver=spec)
+    return None
+
+
+def _swung(spec: str, setup: Setup, seed: int) -> Rig | None:
+    """Return the rig of a name in `RIG_NAMES` that swings in the air; None for another name."""
+    if laboratory := _LABORATORY.fullmatch(spec):
+        from cablecast.rigs.virtual.strike import RigStrike, StrikeLabConfig
+
+        return RigStrike(setup, seed, StrikeLabConfig(lab_seed=int(laboratory[1] or 0)))
+    if _is_engine(spec):
+        from cablecast.rigs.engine import RigSwing
+
+        return RigSwing(setup)
+    if spec in DRIVERS:
+        raise RigError(
+            f"--rig {spec} has no camera that sees the plane of a swing: give a rig of your own, "
+            "which returns RigSwingArm(setup, camera) with your camera (docs/strike.md)"
+        )
+    return None
 
 
 def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: int) -> Rig:
