@@ -6,7 +6,8 @@ import types
 
 import numpy as np
 
-from cablecast.cli.aim import Aim, _view_command, print_result
+from cablecast.cli.aim import Aim, _view_command
+from cablecast.cli.tries import TableTries
 from cablecast.setup import Setup
 
 
@@ -29,5 +30,5 @@ def test_a_target_that_is_out_of_reach_counts_among_those_that_were_asked_for(ca
         hit=np.array([True]),
         session=types.SimpleNamespace(setup=Setup()),
     )
-    print_result(result, beyond_count=1)
+    TableTries(result.session).print_result(result, beyond_count=1)
     assert "1 of 2 targets were hit; 1 is out of reach." in capsys.readouterr().out

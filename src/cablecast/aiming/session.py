@@ -162,18 +162,31 @@ class CastSession(abc.ABC):
     def observe(self, proposal: Proposal, track: EndpointTrack) -> Cast:
         """Take in a proposed cast that was made, and what the rig saw of it."""
 
-    @abc.abstractmethod
-    def stop(self, proposal: Proposal) -> "Stop | None":
+    def stop(self, proposal: Proposal) -> Stop | None:
         """Return why a proposed cast is not worth making; None if it is."""
+        return None
 
     @property
-    @abc.abstractmethod
-    def refit_due(self) -> "RefitDue | None":
+    def refit_due(self) -> RefitDue | None:
         """Why the simulator should be fitted to all casts now; None if it need not be."""
+        return None
 
-    @abc.abstractmethod
     def refit(self, progress: ProgressCallback = show) -> None:
-        """Fit the simulator to all casts, and plan with it from now on."""
+        """Fit the simulator to all casts, and plan with it from now on; see `refit_due`."""
+        raise InputError("this session fits by itself where it is worth it")
+
+    def miss_laws(self) -> dict[str, MissLaw]:
+        """Return the laws of outcomes about the expected ones, by the family of the motions.
+
+        Motions of one family say nothing of how well those of another are predicted.
+        """
+        squares: dict[str, list[float]] = {}
+        for _, cast in self.active_casts():
+            if cast.proposal is not None and np.isfinite(cast.square):
+                square = cast.proposal.expected.law.scale * cast.square
+                squares.setdefault(cast.proposal.action.family, []).append(square)
+        size = len(self.task.coordinates)
+        return {family: MissLaw.after(own, size) for family, own in squares.items()}
 
     def goals(
         self, target_xy: ArrayLike | None = None, **forms: ArrayLike | None
@@ -402,7 +415,7 @@ class AimSession(CastSession):
         """Return the sweeps that were not discarded: simulators are fitted to these."""
         return [(number, self.store.casts[number]) for number in self.store.sweeps]
 
-    def stop(self, proposal: Proposal) -> "Stop | None":
+    def stop(self, proposal: Proposal) -> Stop | None:
         """Return why a proposed cast is not worth making; None if it is.
 
         It is not if the last three casts at the goal came no nearer than those before; if two have
@@ -475,31 +488,13 @@ class AimSession(CastSession):
             if len(goals) != 1:
                 raise InputError(f"a proposal has one target, not {len(goals)}")
             goal = goals[0]
-        # Motions of one family say nothing of how well those of another are predicted.
-        squares: dict[str, list[float]] = {}
-        for _, cast in self.active_casts():
-            if cast.proposal is not None and np.isfinite(cast.square):
-                square = cast.proposal.expected.law.scale * cast.square
-                squares.setdefault(cast.proposal.action.family, []).append(square)
         return propose(
             self.predictor_at(goal.value),
             goal,
             number=len(self.store),
             try_number=len(self.casts_at(goal.value)) + 1,
-            laws={name: MissLaw.after(own, len(goal.value)) for name, own in squares.items()},
+            laws=self.miss_laws(),
             sight=self.sight,
-        )
-
-    def goals(
-        self,
-        target_xy: ArrayLike | None = None,
-        *,
-        r: ArrayLike | None = None,
-        theta_deg: ArrayLike | None = None,
-    ) -> tuple[Goal, ...]:
-        """Return checked goals with the tolerance of the session; see `values` of the task."""
-        return self.task.goals(
-            self.setup, target_xy, within_pct=self.config.within_pct, r=r, theta_deg=theta_deg
         )
 
     def predictor_at(self, target_xy: NDArray[np.float64]) -> LandingPredictor:
@@ -553,7 +548,7 @@ class AimSession(CastSession):
         return cast
 
     @property
-    def refit_due(self) -> "RefitDue | None":
+    def refit_due(self) -> RefitDue | None:
         """Why the simulator should be fitted to all casts now; None if it need not be."""
         if self._refitting is None:
             return None

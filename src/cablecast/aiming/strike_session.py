@@ -11,7 +11,7 @@ import os
 import numpy as np
 
 from cablecast.aiming.config import AimConfig
-from cablecast.aiming.session import CastSession, RefitDue, Stop
+from cablecast.aiming.session import CastSession
 from cablecast.aiming.strike import StrikeAim, StrikePrior, StrikeTry
 from cablecast.cast import Cast, EndpointTrack, Proposal, TrialStatus
 from cablecast.conventions import Array
@@ -19,7 +19,6 @@ from cablecast.data.store import CastStore
 from cablecast.engines.swing import SAMPLE_DT
 from cablecast.errors import InputError, TargetError
 from cablecast.motion.joint_move import JointMove, JointMoves, SwingPlane
-from cablecast.runs.progress import ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.task import STRIKE, Expectation, Goal, MissLaw, closest
 from cablecast.tuning.servo import can_identify_servo, identify_servo
@@ -39,6 +38,9 @@ LOST_TRIALS = 10.0
 
 class StrikeSession(CastSession):
     """Aims at goals one after another, and corrects by every swing.
+
+    No swing is stopped, as `propose` refuses what cannot be struck, and no new fit is ever due: the
+    cable is fitted with each swing where it is worth it.
 
     Args:
         setup: Set-up with a strike section.
@@ -88,18 +90,6 @@ class StrikeSession(CastSession):
         """What the swings told of the cable; None before the first fit."""
         return self._posterior
 
-    def stop(self, proposal: Proposal) -> Stop | None:
-        """Return None: what cannot be struck is refused by `propose`."""
-        del proposal
-
-    @property
-    def refit_due(self) -> RefitDue | None:
-        """None: the cable is fitted anew with each swing where it is worth it."""
-        return None
-
-    def refit(self, progress: ProgressCallback = show) -> None:
-        """Do nothing; see `refit_due`."""
-
     def propose(self, target_xy: Goal) -> Proposal:
         """Propose the next swing at a goal, and say what to expect of it.
 
@@ -114,11 +104,6 @@ class StrikeSession(CastSession):
         found = found[np.isfinite(found).all(axis=1)]
         lost = sum(not cast.landed for _, cast in self.active_casts())
         spread = np.cov(found.T) if len(found) > 1 else np.zeros((3, 3))
-        squares = [
-            cast.proposal.expected.law.scale * cast.square
-            for _, cast in self.active_casts()
-            if cast.proposal is not None and np.isfinite(cast.square)
-        ]
         return Proposal(
             goal=goal,
             number=len(self.store),
@@ -127,7 +112,7 @@ class StrikeSession(CastSession):
             expected=Expectation(
                 mean=found.mean(axis=0) if len(found) else goal.value,
                 covariance=spread + SCATTER**2 * np.eye(3),
-                law=MissLaw.after(squares, 3),
+                law=self.miss_laws().get(JointMove.family, MissLaw()),
                 scatter=SCATTER,
                 failure=(lost + 0.1) / (len(self.active_casts()) + LOST_TRIALS),
             ),

@@ -1,7 +1,6 @@
 """`cablecast aim`: a few casts to know the cable, then casts at targets until they hit."""
 
 import dataclasses
-import math
 import os
 import pathlib
 import shlex
@@ -9,7 +8,6 @@ import warnings
 from typing import TYPE_CHECKING, Annotated
 
 from cablecast.aiming.config import AimConfig
-from cablecast.cli import tables
 from cablecast.cli.evaluate import print_table
 from cablecast.cli.options import (
     CableName,
@@ -34,13 +32,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from cablecast.aiming.session import AimSession, RefitDue, Stop
-    from cablecast.cast import Cast, Proposal
-    from cablecast.pipeline.aim import AimResult
     from cablecast.report.aim_page import Beyond
     from cablecast.setup import Setup
-
-EXIT_MISSED = 3
 
 # From so many targets on, a table of medians says more than one of targets.
 _MANY_TARGETS = 12
@@ -115,20 +108,19 @@ class Aim(AimConfig, _Targets):
 
             return aim_strike(self, setup)
         from cablecast.cli.progress import console_progress
+        from cablecast.cli.tries import EXIT_MISSED, TableTries, print_folder, print_medians
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.aim import (
             REPORT_FILE,
             REPORT_FOLDER,
             SESSION_FOLDER,
             TRIES_FILE,
-            aim,
             check_aim,
             compile_for_fits,
             prepare_aim,
             write_aim_report,
         )
         from cablecast.rigs.make import check_rig
-        from cablecast.runs.progress import ignore
         from cablecast.tuning.tuned import load_tuned
 
         if bool(self.target or self.target_xy) == self.paper_targets:
@@ -171,32 +163,21 @@ class Aim(AimConfig, _Targets):
             else:
                 values = "believed" if session.model.fitted_to is None else "fitted"
                 print(f"no cast of {name} is known yet: the simulator has the {values} values")
-            result = aim(
-                session,
-                rig,
-                targets,
-                on_proposal=lambda proposal: print_proposal(proposal, session),
-                on_cast=lambda cast: print_cast(cast, session),
-                on_stop=print_stop,
-                on_refit=lambda _, due: refit_and_say(session, due),
-                progress=ignore,
-            )
+            tries = TableTries(session)
+            result = tries.cast_at(rig, targets)
             made = any(result.casts)
             evaluation = None
             if made:
                 evaluation = write_aim_report(result, rig, out / REPORT_FOLDER, beyond)
         if len(targets) < _MANY_TARGETS:
-            print_result(result, len(beyond))
+            tries.print_result(result, len(beyond))
         else:
-            print_tries(result, len(beyond))
+            print_medians(result, len(beyond))
         if self.paper_targets and evaluation is not None:
             print_table(evaluation.metrics, published_rows(name))
         for xy, why in beyond:
             print(_beyond_line(xy, why))
-        print(f"folder    {out}")
-        if evaluation is not None:
-            print(f"picture   {out / REPORT_FOLDER / TRIES_FILE}")
-            print(f"report    {out / REPORT_FOLDER / REPORT_FILE}")
+        print_folder(out, () if evaluation is None else (TRIES_FILE, REPORT_FILE))
         print(f"next      {_view_command(self)}")
         print("          shows these casts and makes more; the same command with another --target")
         print("          goes on with all that they tell of the cable")
@@ -257,113 +238,3 @@ def _within_reach(
 
 def _beyond_line(xy: "NDArray[np.float64]", why: str) -> str:
     return f"{polar_text(xy)}: out of reach: {why} (--force casts all the same)"
-
-
-def refit_and_say(session: "AimSession", due: "RefitDue") -> None:
-    """Say why a new fit is due, and make it."""
-    from cablecast.cli.progress import console_progress
-    from cablecast.report.words import refit_text
-
-    print(f"\nnew fit   {refit_text(due)} (--no-refit keeps the model)", flush=True)
-    with console_progress() as progress:
-        session.refit(progress)
-    print(f"          the simulator is fitted to {session.fitted_count} casts now")
-
-
-def print_proposal(proposal: "Proposal", session: "AimSession") -> None:
-    """Say what a cast is expected to do."""
-    from cablecast.report.words import (
-        distance_text,
-        floor_text,
-        hit_text,
-        motion_text,
-        reason_text,
-    )
-
-    if proposal.try_number == 1:
-        print(f"\ntarget    {polar_text(proposal.goal.value)}")
-    print(f"try {proposal.try_number}     {reason_text(proposal, session)}")
-    print(f"  motion  {motion_text(proposal)}")
-    print(f"  expect  a hit with a chance of {hit_text(proposal, session.config.tries)}")
-    print(f"          {distance_text(proposal)}")
-    print(f"          {floor_text(proposal)}")
-    chance = 100 * proposal.expected.failure
-    if chance > 10:
-        print(f"          {chance:.0f} % chance that it is hidden or off the table")
-
-
-def print_stop(stop: "Stop") -> None:
-    """Say why a target is not cast at, or not again."""
-    from cablecast.report.words import stop_text
-
-    proposal = stop.proposal
-    if proposal.try_number == 1:
-        print(f"\ntarget    {polar_text(proposal.goal.value)}")
-    words = _stop_words(proposal.try_number - 1)
-    print(f"{words}: {stop_text(stop)} (--force casts all the same)", flush=True)
-
-
-def _stop_words(cast_count: int) -> str:
-    return "stopped" if cast_count else "not cast at"
-
-
-def print_cast(cast: "Cast", session: "AimSession") -> None:
-    """Say what a cast did, and what that changes."""
-    from cablecast.report.words import change_text
-
-    if cast.landed:
-        print(f"  saw     {polar_text(cast.final_xy)}")
-        verdict = "hit" if cast.hit else "missed"
-        centimetres = cast.miss_pct * session.setup.cable.length
-        print(f"          {verdict}: {centimetres:.1f} cm off, {cast.miss_pct:.1f} % of the cable")
-    else:
-        # The advice behind the colon is for those who choose motions.
-        print(f"  saw     {cast.status.value.partition(':')[0].rstrip('.').lower()}")
-    print(f"  then    {change_text(cast, session)}")
-
-
-def print_result(result: "AimResult", beyond_count: int = 0) -> None:
-    """Print one line per target, and how many were hit of these and of others out of reach."""
-    from cablecast.conventions import xy_to_polar
-    from cablecast.report.words import stop_text, verdict_text
-
-    tries = max((len(casts) for casts in result.casts), default=0)
-    heads = ("target", *(str(number) for number in range(1, tries + 1)))
-    table = tables.make_table("Miss of each try in cm, and in % of the cable's length", *heads)
-    length = result.session.setup.cable.length
-    stopped = []
-    for target, casts, stop in zip(result.target_xy, result.casts, result.stops, strict=True):
-        r, theta = xy_to_polar(target)
-        place = f"r = {r:.2f} m, theta = {math.degrees(theta):.1f} deg"
-        cells = [
-            f"{cast.miss_pct * length:.1f}, {cast.miss_pct:.1f} %"
-            if cast.landed
-            else cast.status.code
-            for cast in casts
-        ]
-        cells += [""] * (tries - len(cells))
-        style = "bold" if any(cast.hit for cast in casts) else ""
-        table.add_row(place, *cells, style=style)
-        if stop:
-            stopped.append(f"{place}: {_stop_words(len(casts))}: {stop_text(stop)}")
-    tables.print_table(table, f"{verdict_text(result.casts, beyond_count)}.")
-    for line in stopped:
-        print(line)
-
-
-def print_tries(result: "AimResult", beyond_count: int = 0) -> None:
-    """Print the errors after each try, and how many targets were hit; some are out of reach."""
-    from cablecast.report.tables import pct
-    from cablecast.report.words import verdict_text
-
-    title = "Miss after each try, in % of cable length; no landing is a miss"
-    table = tables.make_table(title, "try", "median", "q1", "q3", "without landing")
-    for row in result.try_rows:
-        names = ("median_pct", "first_quartile_pct", "third_quartile_pct")
-        cells = [pct(row[name]) for name in names]
-        table.add_row(str(row["try"]), *cells, str(row["without_landing"]))
-    count = len(result.session.casts)
-    tables.print_table(
-        table,
-        f"{verdict_text(result.casts, beyond_count)}. {count} casts in all.",
-    )

@@ -149,6 +149,28 @@ class AimResult:
             rows.append({"try": number, "without_landing": int(np.isnan(misses).sum()), **row})
         return rows
 
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """The tries, targets and hits as plain values."""
+        return {
+            "tries": self.try_rows,
+            "cast_count": len(self.session.casts),
+            "targets": self.target_xy.tolist(),
+            "hit": self.hit.tolist(),
+        }
+
+    def report_run(self, folder: pathlib.Path, rig: CheckedRig, **settings: Any) -> RunFolder:
+        """Return the run that writes a report of these casts on a rig, made with some settings."""
+        require("the report of aim", "matplotlib", "jinja2")
+        every = {
+            **self.session.setup.to_settings(),
+            "rig": dict(rig.description),
+            **settings,
+            **dataclasses.asdict(self.session.config),
+        }
+        config = {"command": "aim", "settings": plain_settings(every), **run_facts()}
+        return RunFolder(path=folder, config=config)
+
 
 def check_aim(config: AimConfig, folder: str | os.PathLike[str]) -> None:
     """Raise the errors of aiming with a report that are known before its rig is connected.
@@ -218,7 +240,6 @@ def prepare_aim(
     # Before any cast.
     _check_machine(config, *(() if folder is None else ("matplotlib",)))
     if folder is not None:
-        check_folder(folder)
         keep_rig(folder, rig)
     learning = _Learning(rig.setup, config, simulators, folder)
     session_folder = None if folder is None else folder / SESSION_FOLDER
@@ -258,7 +279,8 @@ def prepare_aim(
 
 
 def keep_rig(folder: pathlib.Path, rig: CheckedRig) -> None:
-    """Record whose casts a folder holds, to refuse another rig."""
+    """Record whose casts a folder holds, to refuse another rig, and what aiming did not make."""
+    check_folder(folder)
     parts, here = Parts(folder), plain_settings({"rig": dict(rig.description)})
     there = parts.get(RIG_PART)
     if there is None:
@@ -598,31 +620,16 @@ def write_aim_report(
     Raises:
         MissingExtraError: A library that draws is missing.
     """
-    require("the report of aim", "matplotlib", "jinja2")
     folder, session = pathlib.Path(folder), result.session
     if not isinstance(session, AimSession):
         raise InputError("this report is of casts onto a table: write_strike_report is of strikes")
+    run = result.report_run(folder, rig, policy=session.model.policy.info)
     every = _evaluation(result, session, rig)
     tried = Tried(session=session, every=every, stops=result.stops, beyond=beyond)
     last = tried.last
-    metrics = evaluation_metrics(last) | {
-        "tries": result.try_rows,
-        "cast_count": len(session.casts),
-        "targets": result.target_xy.tolist(),
-        "hit": result.hit.tolist(),
-        "out_of_reach": [xy.tolist() for xy, _ in beyond],
-    }
+    out_of_reach = [xy.tolist() for xy, _ in beyond]
+    metrics = evaluation_metrics(last) | result.metrics | {"out_of_reach": out_of_reach}
     last = dataclasses.replace(last, metrics=metrics)
-    settings = {
-        **session.setup.to_settings(),
-        "rig": dict(rig.description),
-        "policy": session.model.policy.info,
-        **dataclasses.asdict(session.config),
-    }
-    run = RunFolder(
-        path=folder,
-        config={"command": "aim", "settings": plain_settings(settings), **run_facts()},
-    )
     with run.locked(replaces=True):
         save_trials(every, folder / TRIALS_FILE)
         write_bytes(folder / TRIES_FILE, png_bytes(tried.map()))

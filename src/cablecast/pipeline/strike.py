@@ -17,13 +17,18 @@ from cablecast.engines.swing import swing_model
 from cablecast.errors import InputError, TargetError, check_argument_types
 from cablecast.files import write_bytes, write_text
 from cablecast.motion.joint_move import SwingPlane
-from cablecast.pipeline.aim import PRIOR_FILE, SESSION_FOLDER, AimResult, check_folder, keep_rig
-from cablecast.pipeline.places import require
-from cablecast.report.strike_page import STRIKE_PAGE, STRIKE_PICTURE, strike_map, strike_page
+from cablecast.pipeline.aim import PRIOR_FILE, SESSION_FOLDER, AimResult, keep_rig
+from cablecast.report.strike_page import (
+    STRIKE_PAGE,
+    STRIKE_PICTURE,
+    envelope_text,
+    strike_map,
+    strike_page,
+)
 from cablecast.report.style import png_bytes
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.swings import move_envelope
-from cablecast.runs.folder import RunFolder, fingerprint, plain_settings, run_facts
+from cablecast.runs.folder import fingerprint
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, ignore, show
 from cablecast.setup import Setup
 from cablecast.task import STRIKE
@@ -62,7 +67,6 @@ def prepare_strike(
     config = config or AimConfig()
     folder = None if out is None else pathlib.Path(out)
     if folder is not None:
-        check_folder(folder)
         keep_rig(folder, rig)
     counts = move_count or MOVE_COUNT, cable_count or CABLE_COUNT
     prior = _prior(rig.setup, folder, config.seed, *counts, progress)
@@ -197,22 +201,12 @@ def write_strike_report(result: AimResult, rig: CheckedRig, folder: str | os.Pat
     Raises:
         MissingExtraError: A library that draws is missing.
     """
-    require("the report of aim", "matplotlib", "jinja2")
     session, folder = result.session, pathlib.Path(folder)
-    assert isinstance(session, StrikeSession)
-    setup = session.setup
-    settings = {
-        **setup.to_settings(),
-        "rig": dict(rig.description),
-        **dataclasses.asdict(session.config),
-    }
-    run = RunFolder(
-        path=folder,
-        config={"command": "aim", "settings": plain_settings(settings), **run_facts()},
-    )
-    low, high = move_envelope(setup, session.prior.units)
-    sides = ", ".join(f"{a} {low[k]:.2f} to {high[k]:.2f} m" for k, a in enumerate("xyz"))
-    facts = [f"In the swings of this lab file the cable can be anywhere in {sides}"]
+    if not isinstance(session, StrikeSession):
+        raise InputError("this report is of strikes: write_aim_report is of casts onto a table")
+    run, setup = result.report_run(folder, rig), session.setup
+    box = envelope_text(*move_envelope(setup, session.prior.units))
+    facts = [f"In the swings of this lab file {box}"]
     if (posterior := session.posterior) is not None:
         facts.append(
             f"The swings tell a cable of {100 * posterior.cable.length:.0f} cm, knot and "
@@ -222,11 +216,4 @@ def write_strike_report(result: AimResult, rig: CheckedRig, folder: str | os.Pat
         figure = strike_map(result.casts, setup)
         write_bytes(folder / STRIKE_PICTURE, png_bytes(figure))
         write_text(folder / STRIKE_PAGE, strike_page(result.casts, setup, run.config, facts))
-        run.finish(
-            {
-                "tries": result.try_rows,
-                "cast_count": len(session.casts),
-                "targets": result.target_xy.tolist(),
-                "hit": result.hit.tolist(),
-            }
-        )
+        run.finish(result.metrics)

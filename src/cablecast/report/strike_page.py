@@ -43,6 +43,12 @@ def place_text(point: Array, plane: SwingPlane) -> str:
     return f"{ahead:.2f} m ahead, {height:.2f} m high{aside}"
 
 
+def envelope_text(low: Array, high: Array) -> str:
+    """Return where the cable can be in any swing, from the corners of a box [m], shape [3]."""
+    sides = (f"{a} {low[k]:.2f} to {high[k]:.2f} m" for k, a in enumerate("xyz"))
+    return f"the cable can be anywhere in {', '.join(sides)}"
+
+
 @styled()
 def strike_map(tries: Sequence[Sequence[Cast]], setup: Setup) -> "Figure":
     """Draw a panel for each target: the plane of the swing with arm, tips and closest points.
