@@ -19,12 +19,11 @@ from benchmarks.irp import model
 from benchmarks.result import AIR, Table, code_key
 from cablecast.aiming.strike import StrikeAim, StrikePrior
 from cablecast.cable import Cable
+from cablecast.conventions import Array
 from cablecast.engines.swing import SAMPLE_DT, SwingModel
 from cablecast.runs.folder import Parts, fingerprint
 from cablecast.task import STRIKE, Arrival, closest
 from cablecast.tuning.tips import TipBelief, air_cable
-
-Array = NDArray[np.float64]
 
 ROPES = {
     "0.7 m": air_cable(0.7, 0.08, 0.03, 0.3, 0.0173, drag_ratio=0.15),

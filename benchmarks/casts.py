@@ -52,7 +52,7 @@ DISTANCES = (
 )
 DIFFERENCES = (*KEY, "targets", "try", "median", "low", "high")
 
-NEAR, FAR = 0.8, 1.05
+RADII = (0.8, 1.05)
 """Bounds between near, middle and far targets [m]."""
 
 
@@ -145,7 +145,7 @@ def distances(found: Found) -> Table:
     for key, casts_at in found.items():
         if key[-1] not in LOOPS:
             continue
-        for low, high in itertools.pairwise((0.0, NEAR, FAR, np.inf)):
+        for low, high in itertools.pairwise((0.0, *RADII, np.inf)):
             own = [row for row in casts_at if low <= row["r"] < high]
             if not own:
                 continue

@@ -42,6 +42,7 @@ from benchmarks.irp_world import (
 )
 from benchmarks.result import AIR, Table, code_key
 from cablecast.aiming.strike import StrikeAim, StrikePrior
+from cablecast.conventions import Array
 from cablecast.engines.swing import SwingModel
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.files import write_bytes
@@ -50,8 +51,6 @@ from cablecast.report import style
 from cablecast.runs.folder import Parts, fingerprint
 from cablecast.task import closest
 from cablecast.tuning.tips import TipBelief, air_cable
-
-Array = NDArray[np.float64]
 
 KINDS = ("interpolation", "extrapolation")
 DATA = pathlib.Path(__file__).parent / "data"

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from cablecast.arm.shape import arm_shape
 from cablecast.arm.ur import ArmUR
-
-Array = NDArray[np.float64]
+from cablecast.conventions import Array
 
 START_DEG = (0.0, -70.0, 150.0, -170.0, -90.0, 0.0)
 """Joints at the start [deg]."""

@@ -20,18 +20,15 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.result import PHYSICS, Table, code_key
 from cablecast.cable import Cable, CableParams
-from cablecast.conventions import tangent
+from cablecast.conventions import Array, tangent
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 from cablecast.runs.folder import Parts, fingerprint
-
-Array = NDArray[np.float64]
 
 LINEAR_DENSITY = 0.02
 """Mass per length [kg/m]: without contact only stiffness over mass matters."""
@@ -117,15 +114,15 @@ BEND = Unknown("bend_stiffness", 1e-3, 1e-6, 0.1)
 TWIST = Unknown("twist_stiffness", 1e-4, 1e-7, 1.0)
 AIR = Unknown("linear_damping", 0.1, 1e-3, 5.0)
 TURN = Unknown("angular_damping", 150.0, 0.1, 200.0)
-NEAR = Unknown("near_offset", 0.0, -0.03, 0.03, logarithmic=False)
-FAR = Unknown("far_offset", 0.0, -0.03, 0.03, logarithmic=False)
+NEAR_OFFSET = Unknown("near_offset", 0.0, -0.03, 0.03, logarithmic=False)
+FAR_OFFSET = Unknown("far_offset", 0.0, -0.03, 0.03, logarithmic=False)
 LENGTH = Unknown("length_factor", 1.0, 0.97, 1.03, logarithmic=False)
 
 DAMPING = Unknown("damping_time", 0.1, 1e-4, 0.5)
 
 SETS: dict[str, tuple[Unknown, ...]] = {
     "bending, twist, air, material": (BEND, TWIST, AIR, DAMPING),
-    "and grip offsets, length": (BEND, TWIST, AIR, DAMPING, NEAR, FAR, LENGTH),
+    "and grip offsets, length": (BEND, TWIST, AIR, DAMPING, NEAR_OFFSET, FAR_OFFSET, LENGTH),
     "angular damping in place of material": (BEND, TWIST, AIR, TURN),
 }
 """Numbers that are fitted, by the name of the row."""

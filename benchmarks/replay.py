@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import cablecast as cc
@@ -27,6 +26,7 @@ from benchmarks.common import has
 from benchmarks.result import Table
 from cablecast.cable import Cable, CableParams
 from cablecast.cli.progress import console_progress
+from cablecast.conventions import Array
 from cablecast.data.dataset import Dataset
 from cablecast.engines import make_engine
 from cablecast.engines.base import CableState, Rollout
@@ -38,8 +38,6 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.pipeline.export import export_cable
 from cablecast.tuning.tracks import MeasuredTracks, TrackDistances, TrackObjective
 from cablecast.tuning.tuned import Tuned
-
-Array = NDArray[np.float64]
 
 BROKEN_DISTANCE = 10.0
 """Distance of the free end from the base [m] beyond which a cast has broken."""

@@ -18,12 +18,12 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.result import STRIKES, Table, code_key
 from cablecast.aiming.config import AimConfig
 from cablecast.cable import load_cable
 from cablecast.cast import Cast
+from cablecast.conventions import Array
 from cablecast.motion.joint_move import JointMoves, SwingPlane
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.strike import prepare_strike
@@ -32,8 +32,6 @@ from cablecast.runs.folder import Parts, fingerprint
 from cablecast.runs.progress import ignore
 from cablecast.setup import Setup, StrikeConfig
 from cablecast.task import STRIKE, closest
-
-Array = NDArray[np.float64]
 
 WITHIN_PCT = 0.8
 """Distance at which a try is made again as it was [% of cable length]: half a centimetre."""

@@ -15,7 +15,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.result import WHIP, Table, code_key
 from benchmarks.whip_world import (
@@ -31,11 +30,10 @@ from benchmarks.whip_world import (
     hand,
 )
 from cablecast.cable import Cable
+from cablecast.conventions import Array
 from cablecast.runs.folder import Parts, fingerprint
 from cablecast.task import closest
 from cablecast.tuning.tips import TipBelief, TipPosterior, TipSwing, air_cable, fit_tips
-
-Array = NDArray[np.float64]
 
 HIT = 0.03
 """Distance within which the published target is struck [m]."""
@@ -57,7 +55,7 @@ DEVIATIONS = (1.3, 1.5, 2.0, 2.0, 1.0)
 within a factor. The benchmark's has 1.8 m, 0.17 kg/m, 0.105 m^4/s² and 0.38 s, and no drag."""
 MODEL_NODES, MODEL_DT = 12, 5e-4
 """Links of the model of an unknown whip, and its step [s]; the world has 25 and 0.1 ms."""
-NEAR = 0.3
+ALIKE = 0.3
 """Distance of moves, in unit coordinates, over which errors of the model are much alike [-]."""
 
 
@@ -346,7 +344,7 @@ def corrected(model: World, seen: Sequence[TipSwing]) -> Callable[[Array], Array
     def play(unit: Array) -> Array:
         """Return the path of a move."""
         tip = model.swing(unit)[::every]
-        share = np.exp(-0.5 * np.sum((unit - last.unit) ** 2) / NEAR**2)
+        share = np.exp(-0.5 * np.sum((unit - last.unit) ** 2) / ALIKE**2)
         return tip + share * error[: len(tip)]
 
     return play

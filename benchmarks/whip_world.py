@@ -12,9 +12,8 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from cablecast.conventions import Array
 
 TARGETS = (
     (1.995, 0.0, 0.0),

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.arm.ur import ArmUR
 from cablecast.cable import load_cable
+from cablecast.conventions import Array
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.camera import (
     TrialFilm,
@@ -28,8 +29,6 @@ from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.rigs.virtual.sensing import MODEL_PATH, CameraErrorModel, bias_terms
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.tracker import MarkerConfig, sight_of
-
-Array = NDArray[np.float64]
 
 _ARM = ArmUR()
 """Arm that hides part of the table."""

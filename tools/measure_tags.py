@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.tags import FAMILY
+from cablecast.conventions import Array
 from cablecast.vision.tags import detect_tags, load_cv2, tag_cells, tag_picture
 
 PICTURES = pathlib.Path(__file__).parents[1] / "tests/vision/pictures"
@@ -28,7 +29,6 @@ END_SIZES, END_FAMILY = (12, 14, 16, 18, 20, 24, 30), "4X4_50"
 BLURS = (0.0, 0.5, 1.0, 1.5)
 """Ways of such a tag during the exposure, in its cells."""
 
-Array = NDArray[np.float64]
 Picture = tuple[NDArray[np.uint8], dict[int, Array]]
 
 

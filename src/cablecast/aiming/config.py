@@ -5,7 +5,7 @@ from typing import Literal
 
 from cablecast.errors import InputError, check_count, check_number, check_seed
 
-PACES = (0.2, 1.25)
+PACE_RANGE = (0.2, 1.25)
 """Range of the pace of a cast [-]: slower ones land where the slowest does, and take longer. None
 is chosen that the arm cannot follow."""
 
@@ -73,7 +73,7 @@ class AimConfig:
     @property
     def pace(self) -> tuple[float, float]:
         """Range of the pace of casts [-]."""
-        return (1.0, 1.0) if self.fast else PACES
+        return (1.0, 1.0) if self.fast else PACE_RANGE
 
     @classmethod
     def of(cls, values: "AimConfig") -> "AimConfig":

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
+from cablecast.conventions import Array
 from cablecast.engines.swing import SAMPLE_DT, SwingModel, SwingMotion
 from cablecast.errors import TargetError
 from cablecast.task import STRIKE, closest
 from cablecast.tuning.tips import TipBelief, TipPosterior, TipSwing, fit_tips
-
-Array = NDArray[np.float64]
 
 MOVE_COUNT, CABLE_COUNT = 512, 16
 """Moves and believed cables of which the first try is chosen."""
@@ -34,7 +33,7 @@ REFIT = 0.03
 """Miss of the best try up to which its error is corrected without a new fit [m]."""
 SWING_COUNT = 3
 """Swings that a fit takes: those nearest to the goal."""
-NEAR = 0.1
+ALIKE = 0.1
 """Distance of moves, in unit coordinates, over which errors of the engine are much alike [-]."""
 DOUBT = 0.01
 """Error of a fitted engine where no try was near [m]."""
@@ -385,7 +384,7 @@ class StrikeAim:
         """Return weights of the errors of tries, and likeness of moves to them, [move, try]."""
         tried = np.array([one.unit for one in self.tries]).reshape(-1, units.shape[1])
         own, cross = (
-            np.exp(-0.5 * np.sum((some[:, None] - tried) ** 2, axis=-1) / NEAR**2)
+            np.exp(-0.5 * np.sum((some[:, None] - tried) ** 2, axis=-1) / ALIKE**2)
             for some in (tried, units)
         )
         return np.linalg.solve(own + NOISE * np.eye(len(own)), cross.T).T, cross

@@ -195,7 +195,7 @@ def check_reach(session_prior: StrikePrior, goal: Goal, plane: SwingPlane) -> No
         TargetError: The goal is out of reach.
     """
     distance, point = nearest_point(session_prior, goal.value)
-    bound = goal.within_pct / 100.0 * goal.setup.cable.length + NEAR_ENOUGH
+    bound = goal.within_pct / 100.0 * goal.setup.cable.length + REACH_SLACK
     if distance > bound:
         (ahead, height, _), (u, v, _) = plane.coordinates(np.stack([goal.value, point]))
         raise TargetError(
@@ -205,6 +205,6 @@ def check_reach(session_prior: StrikePrior, goal: Goal, plane: SwingPlane) -> No
         )
 
 
-NEAR_ENOUGH = 0.08
+REACH_SLACK = 0.08
 """Distance from all simulated swings of believed cables beyond which a goal is out of reach [m]:
 between some hundred of them there are others."""

@@ -11,11 +11,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cablecast.conventions import Array
 from cablecast.errors import IKError, InputError, check_keys, check_number, check_ranges
-
-Array = NDArray[np.float64]
 
 
 class LimitKind(enum.Enum):

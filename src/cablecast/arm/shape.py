@@ -3,12 +3,11 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cablecast.arm.base import Arm, rod_ends
 from cablecast.arm.robot import RobotConfig
-
-Array = NDArray[np.float64]
+from cablecast.conventions import Array
 
 _PALM_RADIUS, _FINGER_RADIUS = 0.036, 0.014
 _PALM_SHARE = 0.6

@@ -20,6 +20,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from cablecast.conventions import Array
 from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
 from cablecast.files import read_csv, read_yaml, write_text
 from cablecast.workspace import Workspace
@@ -53,7 +54,6 @@ _INLIER_SHARE_MIN = 0.6
 _SPREAD_MIN = 0.1
 """Smallest extent of the touched tags across their longest line [m]."""
 
-Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 
 

@@ -14,7 +14,7 @@ from cablecast.cli.options import polar_text
 from cablecast.cli.progress import console_progress
 from cablecast.conventions import Array, xy_to_polar
 from cablecast.pipeline.aim import REPORT_FOLDER, AimResult, aim
-from cablecast.report.strike_page import place_text
+from cablecast.report.strike_page import plane_text
 from cablecast.report.tables import pct
 from cablecast.report.words import (
     chance_text,
@@ -188,7 +188,7 @@ class StrikeTries(Tries[StrikeSession]):
 
     def place(self, outcome: Array) -> str:
         """Return a place in the plane of the swing."""
-        return place_text(outcome, self.session.plane)
+        return plane_text(outcome, self.session.plane)
 
     def plan(self, proposal: Proposal) -> list[str]:
         """Return the swing."""

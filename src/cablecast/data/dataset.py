@@ -15,7 +15,6 @@ from cablecast.cable import Cable
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
 from cablecast.conventions import Array
 from cablecast.data.schema import (
-    ACTION_COLUMNS,
     COLUMNS,
     CONTROLLER_COLUMNS,
     ENDPOINT_COLUMNS,
@@ -27,7 +26,7 @@ from cablecast.data.schema import (
 )
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import CablecastError, DatasetError, InputError
-from cablecast.motion.action import ActionRanges, action_rows
+from cablecast.motion.action import ACTION_NAMES, ActionRanges, action_rows
 from cablecast.motion.casting import Action
 from cablecast.motion.families import MOTIONS, motion_of
 from cablecast.motion.grip_path import CHANNELS
@@ -406,7 +405,7 @@ def table_dataset(table: Any, info: dict[str, Any], path: pathlib.Path | None = 
         except InputError as error:
             raise DatasetError(f"{path or 'the dataset'}: {error}") from None
     return Dataset(
-        actions=stack(ACTION_COLUMNS),
+        actions=stack(ACTION_NAMES),
         rest_xy=stack(ENDPOINT_COLUMNS),
         status=status,
         duration=table["duration"].to_numpy(),

@@ -16,7 +16,6 @@ import numpy as np
 from cablecast.conventions import Array
 from cablecast.errors import COUNT_MAX, DamagedFileError, DatasetError
 from cablecast.files import read_bytes, read_sealed
-from cablecast.motion.action import ACTION_NAMES
 from cablecast.motion.joint_move import TURN_NAMES
 
 SCHEMA_VERSION = 4
@@ -109,7 +108,6 @@ OPTIONAL_COLUMNS = (
     Column("rig", "string", "-", "description of the rig, as JSON"),
 )
 
-ACTION_COLUMNS = ACTION_NAMES
 ENDPOINT_COLUMNS = ("endpoint_x", "endpoint_y")
 EXTENT_COLUMNS = ("x_min", "x_max", "y_min", "y_max")
 CONTROLLER_COLUMNS = ("controller_times", "target_q", "speed_scaling", "safety_bits")

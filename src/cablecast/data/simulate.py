@@ -13,7 +13,6 @@ from cablecast.cast import TrialStatus
 from cablecast.conventions import Array
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.schema import (
-    ACTION_COLUMNS,
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
     INFO_PATH,
@@ -26,7 +25,7 @@ from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.spread import is_slow, remade, spread
 from cablecast.errors import CablecastError, DatasetError, InputError, check_count, check_seed
 from cablecast.files import read_sealed
-from cablecast.motion.action import ActionRanges, action_rows
+from cablecast.motion.action import ACTION_NAMES, ActionRanges, action_rows
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_actions, feasible_ranges
 from cablecast.runs.folder import plain_settings
@@ -199,7 +198,7 @@ def simulate_actions(
     status = np.where(finite, codes, TrialStatus.NON_FINITE.code)
     extent = np.where(finite[:, None], track_extent(track), np.nan)
     return (
-        dict(zip(ACTION_COLUMNS, actions.T, strict=True))
+        dict(zip(ACTION_NAMES, actions.T, strict=True))
         | dict(zip(ENDPOINT_COLUMNS, endpoint_xy.T, strict=True))
         | {"status": status.tolist(), "duration": grip_paths.duration}
         | dict(zip(EXTENT_COLUMNS, extent.T, strict=True))

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, table_dataset
 from cablecast.data.schema import (
-    ACTION_COLUMNS,
     CONTROLLER_COLUMNS,
     ENDPOINT_COLUMNS,
     EXTENT_COLUMNS,
@@ -27,6 +26,7 @@ from cablecast.data.schema import (
 )
 from cablecast.errors import CablecastError, DamagedFileError, DatasetError, InputError
 from cablecast.files import read_sealed, seal, write_bytes, write_json
+from cablecast.motion.action import ACTION_NAMES
 from cablecast.motion.casting import Action
 from cablecast.runs.folder import RunFolder, fingerprint
 from cablecast.setup import Setup
@@ -51,7 +51,7 @@ def cast_row(cast: Cast) -> dict[str, Any]:
     action = cast.action
     planned = {} if action is None else dict(zip(action.parameters, action.to_array(), strict=True))
     return {
-        **dict.fromkeys(ACTION_COLUMNS, np.nan),
+        **dict.fromkeys(ACTION_NAMES, np.nan),
         **planned,
         **dict(zip(ENDPOINT_COLUMNS, track.final_xy, strict=True)),
         "status": track.status.code,

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.shape import ArmShape, segment_distance
 from cablecast.cable import Cable
+from cablecast.conventions import Array
 from cablecast.engines.base import CableRows, CableState
 from cablecast.engines.contact import first_contact
 from cablecast.engines.warp_ import EngineWarp
@@ -20,8 +21,6 @@ from cablecast.motion.joint_move import (
     swing_shape,
 )
 from cablecast.setup import Setup
-
-Array = NDArray[np.float64]
 
 SAMPLE_DT = KNOT_DT
 """Time between samples of a path [s]."""

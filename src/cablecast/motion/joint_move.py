@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.arm.base import Arm, LimitPeak, limit_violations, rod_ends
 from cablecast.arm.shape import ArmShape, self_gaps
+from cablecast.conventions import Array
 from cablecast.errors import InputError, check_number, check_ranges
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import JointPath, check_set_points
 from cablecast.setup import Setup
-
-Array = NDArray[np.float64]
 
 KNOT_DT = 0.01
 """Time between the knots of a grip path [s]: a tenth of a short ramp."""

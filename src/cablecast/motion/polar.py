@@ -19,14 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
-from cablecast.conventions import GRAVITY, polar_to_xy, xy_to_polar
+from cablecast.conventions import GRAVITY, Array, polar_to_xy, xy_to_polar
 from cablecast.errors import InputError, JointLimitError, TargetError, check_number
 from cablecast.motion.grip_path import SMOOTH, GripPath, PlanePath
 from cablecast.motion.trajectory import JointPath, Trajectory, follow
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 # Factor of the paper's reach, either way, up to which the paper's radii serve.
 _SAME_REACH = 1.05
@@ -36,7 +34,7 @@ _SLOWDOWNS = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
 slow still lay the cable out, and one of 1.5 leaves it slack (fast engine, both ropes)."""
 
 
-PACE_BOUNDS = (0.5, 1.2)
+SWING_PACE_BOUNDS = (0.5, 1.2)
 """Paces of the swing of a polar cast [-]."""
 
 _PULL_POINTS = 24
@@ -411,7 +409,7 @@ class PolarCast:
 
     def __post_init__(self):
         check_finite("polar cast", self.to_array(), len(self.parameters))
-        check_number("pace of a polar cast", self.pace, *PACE_BOUNDS)
+        check_number("pace of a polar cast", self.pace, *SWING_PACE_BOUNDS)
 
     def __str__(self) -> str:
         return (

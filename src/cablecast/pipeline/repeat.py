@@ -54,7 +54,7 @@ COMBINATIONS: dict[Combination, tuple[float, bool]] = {
 """Combinations that the paper repeated: speed [m/s], and whether the wrist turns. Its section V-E
 names 1.2 and 1.5 m/s without psi, its section VI-B gives numbers of 1.2 and 1.8 m/s."""
 
-_ACTION_COLUMNS = ("theta1_deg", "theta2_deg", "r2_m", "psi_deg")
+_MOTION_COLUMNS = ("theta1_deg", "theta2_deg", "r2_m", "psi_deg")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -207,6 +207,6 @@ def _drawn(
 
 def read_actions(path: str | os.PathLike[str]) -> Array:
     """Return the actions of a CSV file, with a pace of 1 where it has none, shape [action, 5]."""
-    actions = np.array(read_numbers(os.fspath(path), _ACTION_COLUMNS, 1, optional=("pace",)))
+    actions = np.array(read_numbers(os.fspath(path), _MOTION_COLUMNS, 1, optional=("pace",)))
     actions[:, [0, 1, 3]] = np.radians(actions[:, [0, 1, 3]])
     return check_action_values(actions)

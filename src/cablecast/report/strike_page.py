@@ -36,7 +36,7 @@ _PANELS_MAX = 12
 """Most targets that have a panel of their own."""
 
 
-def place_text(point: Array, plane: SwingPlane) -> str:
+def plane_text(point: Array, plane: SwingPlane) -> str:
     """Return a point [m], shape [3], by its place in the plane of the swing."""
     ahead, height, away = plane.coordinates(point).tolist()
     aside = f", {100 * abs(away):.0f} cm out of the plane" if abs(away) >= 0.005 else ""
@@ -104,7 +104,7 @@ def _draw_target(axes: "Axes", casts: Sequence[Cast], setup: Setup, plane: Swing
         if cast.track.nodes is not None:
             axes.plot(*plane.coordinates(cast.track.nodes[step])[:, :2].T, color=INK, linewidth=1)
     axes.plot(u, v, "o", color="none", markeredgecolor=INK, markersize=8, zorder=5)
-    axes.set(aspect="equal", title=place_text(goal.value, plane))
+    axes.set(aspect="equal", title=plane_text(goal.value, plane))
     axes.set_xlabel("ahead of the base [m]", fontsize=8)
     axes.set_ylabel("height [m]", fontsize=8)
     draw_grid(axes)
@@ -130,7 +130,7 @@ def strike_page(
             assert proposal is not None
             rows.append(
                 (
-                    place_text(proposal.goal.value, plane),
+                    plane_text(proposal.goal.value, plane),
                     str(cast.try_number),
                     str(cast.action),
                     f"{100 * proposal.hit_chance:.0f} %",

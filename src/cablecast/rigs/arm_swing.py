@@ -3,9 +3,9 @@
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cast import EndpointTrack
+from cablecast.conventions import Array
 from cablecast.errors import RigError
 from cablecast.motion.joint_move import JointMoves
 from cablecast.rigs.arm import APPROACH_SPEED, RigArm
@@ -14,8 +14,6 @@ from cablecast.rigs.path import JointCurve, straight_move
 from cablecast.rigs.swings import check_swing
 from cablecast.setup import Setup
 from cablecast.vision.trials import TrialTiming
-
-Array = NDArray[np.float64]
 
 STILL, STILL_TIME, HANG_TIME_MAX = 0.004, 0.8, 60.0
 """Way of the tip within some time [m, s] below which a cable hangs at rest, and longest time that a

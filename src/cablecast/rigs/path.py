@@ -4,15 +4,14 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cablecast.arm.base import LimitKind, limit_violations
 from cablecast.arm.shape import find_collision
+from cablecast.conventions import Array
 from cablecast.errors import InputError, JointLimitError
 from cablecast.motion.trajectory import JointPath
 from cablecast.setup import Setup
-
-Array = NDArray[np.float64]
 
 FIT_TOLERANCE = 8e-5
 """Largest distance of a piece from the set points [rad]: with what lies between them, 1e-4."""

@@ -3,14 +3,13 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cablecast.conventions import Array
 from cablecast.errors import InputError, JointLimitError
 from cablecast.motion.joint_move import JointMoves
 from cablecast.rigs.path import JointCurve, check_path
 from cablecast.setup import Setup
-
-Array = NDArray[np.float64]
 
 STRETCH = 1.05
 """Length of a pulled cable over that of the lab file, knot and tape included [-]."""

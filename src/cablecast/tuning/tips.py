@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cable import PARAMS, Cable, CableParams
+from cablecast.conventions import Array
 from cablecast.engines.swing import SAMPLE_DT
-
-Array = NDArray[np.float64]
 
 CORRELATION_TIME = 0.1
 """Time along a path within which its errors are one error [s]."""

@@ -14,7 +14,7 @@ from cablecast.files import write_bytes
 from cablecast.motion.joint_move import JointMoves, SwingPlane, swing_shape
 from cablecast.motion.trajectory import joints_at
 from cablecast.pipeline.aim import SESSION_FOLDER
-from cablecast.report.strike_page import place_text
+from cablecast.report.strike_page import plane_text
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
@@ -132,7 +132,7 @@ class _Painter:
         over = time > float(track.times[-1])
         if over and np.isfinite(cast.outcome).all():
             self._dot(pen, self.plane.coordinates(cast.outcome)[:2], BLUE if cast.hit else GREY)
-        words = f"{place_text(cast.target_xy, self.plane)}, try {cast.try_number}"
+        words = f"{plane_text(cast.target_xy, self.plane)}, try {cast.try_number}"
         if over:
             miss = cast.miss_pct * self.setup.cable.length
             words += f": {'hit' if cast.hit else 'missed'}, {miss:.1f} cm off"

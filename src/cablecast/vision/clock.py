@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from cablecast.arm.base import Arm
 from cablecast.arm.shape import arm_shape
 from cablecast.camera.lens import CameraView
-from cablecast.conventions import GRAVITY
+from cablecast.conventions import GRAVITY, Array
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath
 from cablecast.vision.tags import load_cv2, to_grey
-
-Array = NDArray[np.float64]
 
 _PART_COUNT = 8
 """Parts of the record that are left out in turn, whose scatter is the offset's uncertainty."""

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from cablecast.arm.base import Arm
 from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.camera.lens import CameraView
+from cablecast.conventions import Array
 from cablecast.errors import CablecastError
 from cablecast.vision.tags import load_cv2
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 _RADII = np.arange(0.04, 0.091, 0.005)

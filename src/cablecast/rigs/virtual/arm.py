@@ -17,17 +17,16 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cablecast.arm.base import Arm
+from cablecast.conventions import Array
 from cablecast.motion.grip_path import CHANNELS
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.virtual._hidden import HiddenArm, effect_strengths, hidden_arm
 from cablecast.rigs.virtual.dynamics import RigidArm
 from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
-
-Array = NDArray[np.float64]
 
 REPORT_DT = 1 / 125
 """Time between reports of the joints, the control cycle of the arm [s]."""

@@ -9,10 +9,10 @@ import functools
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.cast import EndpointTrack
+from cablecast.conventions import Array
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.config import CameraConfig, Mount
 from cablecast.rigs.virtual.drawing import Drawing, FilmedTrial, Image, draw_background
@@ -21,8 +21,6 @@ from cablecast.vision.calibration import Board, Calibration, calibrate_lens, cal
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.tracker import EndpointTracker, Grab, MarkerConfig, TrackerConfig, Window
 from cablecast.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 _PAD = 24
 """Rim drawn around a piece, so that blurs at its edge come out as in the whole frame [px]."""

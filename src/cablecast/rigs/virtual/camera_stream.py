@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.camera.tags import TagLayout
+from cablecast.conventions import Array
 from cablecast.errors import RigError, UnknownNameError, check_number
 from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.virtual.camera import TrialFilm, VirtualCamera
@@ -27,8 +28,6 @@ from cablecast.rigs.virtual.drawing import FilmedTrial, draw_background
 from cablecast.setup import Setup
 from cablecast.vision.broadcast import Broadcast
 from cablecast.vision.video import encode_jpeg
-
-Array = NDArray[np.float64]
 
 FAULTS = ("frozen", "black", "unplugged", "exposed", "moved_tag")
 """Faults of the camera: the same picture again and again, darkness, no stream at all, an exposure

@@ -20,6 +20,7 @@ from cablecast.cable import Attachment, Cable
 from cablecast.camera.lens import CameraView
 from cablecast.camera.settings import MARKER_HUE
 from cablecast.camera.tags import Tag, TagLayout
+from cablecast.conventions import Array
 from cablecast.errors import InputError
 from cablecast.motion.trajectory import JointPath, joints_at
 from cablecast.rigs.virtual.config import CameraConfig, clutter_place
@@ -28,7 +29,6 @@ from cablecast.vision.tags import load_cv2, tag_cells, tag_picture
 from cablecast.vision.tracker import MarkerConfig
 from cablecast.workspace import Workspace
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Points = Sequence[tuple[float, float]]
 

@@ -19,14 +19,11 @@ import math
 from typing import Any, TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.arm.base import Arm
 from cablecast.arm.ur import JOINT_NAMES, LINKS, ArmUR
-from cablecast.conventions import tangent
+from cablecast.conventions import Array, tangent
 from cablecast.rigs.virtual._hidden import HiddenArm
-
-Array = NDArray[np.float64]
 
 JOINT_COUNT = len(JOINT_NAMES)
 _MASSES = {

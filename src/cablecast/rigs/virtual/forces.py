@@ -25,13 +25,11 @@ import warp as wp
 from numpy.typing import NDArray
 
 from cablecast.cable import AIR_DENSITY, Cable
-from cablecast.conventions import GRAVITY
+from cablecast.conventions import GRAVITY, Array
 from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable
 from cablecast.rigs.virtual.scene import CableMotion
 from cablecast.runs.kernels import start_warp
 from cablecast.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 CELL = 0.005
 """Resolution of the map [m]."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.cast import EndpointTrack, TrialStatus
-from cablecast.conventions import tangent
+from cablecast.conventions import Array, tangent
 from cablecast.engines.mujoco_ import quiet
 from cablecast.files import core_count
 from cablecast.motion.polar import reset_pose
@@ -35,8 +35,6 @@ from cablecast.rigs.virtual.forces import LabForces, friction_map
 from cablecast.rigs.virtual.scene import Scene, build_scene
 from cablecast.rigs.virtual.trials import Drift, Trial, initial_curl, reset_shape
 from cablecast.setup import Setup
-
-Array = NDArray[np.float64]
 
 _WINDOW = 0.002
 """Time after which the forces that MuJoCo lacks are renewed, and the endpoint is looked at [s]."""

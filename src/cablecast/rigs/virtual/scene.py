@@ -15,15 +15,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cable import Attachment, Cable
-from cablecast.conventions import GRAVITY, tangent
+from cablecast.conventions import GRAVITY, Array, tangent
 from cablecast.errors import MissingExtraError
 from cablecast.rigs.virtual._hidden import HiddenCable
 from cablecast.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 HAND_DOF_COUNT = 5
 _TABLE_THICKNESS = 0.04

@@ -21,6 +21,7 @@ from cablecast.arm.base import Arm
 from cablecast.arm.shape import arm_shape, sight_clearance
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.conventions import Array
 from cablecast.errors import InputError, check_ranges
 from cablecast.files import read_json, write_json
 from cablecast.motion.trajectory import JointPath, joints_at
@@ -28,8 +29,6 @@ from cablecast.rigs.virtual.config import DEFAULT_CENTRE_Y, CameraConfig, Mount,
 from cablecast.setup import Setup
 from cablecast.vision.tracker import track_samples
 from cablecast.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 RECORD_DT = 0.01
 """Time between records of the cable for a camera [s]: a cubic through such shapes is exact to

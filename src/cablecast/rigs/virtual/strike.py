@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from cablecast.cable import Attachment
 from cablecast.cast import EndpointTrack, TrialStatus
+from cablecast.conventions import Array
 from cablecast.engines.mujoco_ import quiet
 from cablecast.errors import MissingExtraError, RigError, check_count, check_seed
 from cablecast.motion.joint_move import JointMoves, SwingPlane, swing_shape
@@ -38,8 +39,6 @@ from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import TrialNoise
 from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
-
-Array = NDArray[np.float64]
 
 LABORATORY_VERSION = 1
 """Version of the strike laboratory; results of two versions are not compared."""

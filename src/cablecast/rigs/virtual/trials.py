@@ -3,14 +3,12 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cable import Cable
+from cablecast.conventions import Array
 from cablecast.rigs.checked import RETRY_STRIDE
 from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable
 from cablecast.rigs.virtual.config import TrialNoise
-
-Array = NDArray[np.float64]
 
 ASIDE_MAX = 0.012
 """Largest distance of an accepted reset's endpoint from straight ahead [m]: a camera sees a larger
