@@ -116,6 +116,17 @@ def run(args: CastsArgs, report: ProgressCallback) -> Found:
     return found
 
 
+def _hits(misses: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which targets were hit within 1, 2, ... tries, shape [target, try]."""
+    return np.minimum.accumulate(misses, axis=1) <= HIT_PCT
+
+
+def _floor(rows: list[dict[str, Any]]) -> float | None:
+    """Return the median distance of equal casts from their mean [% of cable length], if known."""
+    floors = [value for row in rows for value in row["floor_pct"]]
+    return float(np.median(floors)) if floors else None
+
+
 def misses(found: Found, which: str = "") -> Table:
     """Return the misses of every try, and how often the regions held that were stated before it."""
     rows: list[tuple] = []
@@ -129,7 +140,7 @@ def misses(found: Found, which: str = "") -> Table:
                 landed = np.array([share for share in shares if share is not None])
                 inside = tuple(100.0 * float(np.mean(landed < share)) for share in (0.5, 0.9))
             lost = 100.0 * np.mean(own >= MISSED_PCT)
-            hit = 100.0 * np.mean(values[:, : number + 1].min(axis=1) <= HIT_PCT)
+            hit = 100.0 * np.mean(_hits(values)[:, number])
             spread = (*median_interval(own), q1, q3, lost, hit)
             rows.append((*key, len(own), number + 1, *spread, *inside))
     title = (
@@ -150,7 +161,6 @@ def distances(found: Found) -> Table:
             if not own:
                 continue
             misses = np.array([row["miss_pct"] for row in own])
-            floors = [value for row in own for value in row["floor_pct"]]
             families = np.array([row["family"] for row in own])
             paces = np.array([row["pace"] for row in own])[families == "sweep"]
             rows.append(
@@ -159,8 +169,8 @@ def distances(found: Found) -> Table:
                     f"{low:g} to {high:g}" if np.isfinite(high) else f"beyond {low:g}",
                     len(own),
                     *(float(np.median(misses[:, column])) for column in (0, -1)),
-                    100.0 * float(np.mean(misses.min(axis=1) <= HIT_PCT)),
-                    float(np.median(floors)) if floors else None,
+                    100.0 * float(np.mean(_hits(misses)[:, -1])),
+                    _floor(own),
                     100.0 * float(np.mean(families == "polar")),
                     float(np.median(paces)) if len(paces) else None,
                     float(np.mean([row["seconds"] for row in own])),
@@ -188,9 +198,7 @@ def outlooks(found: Found) -> Table:
             if own := [row for row in every if row["calm"] is calm]:
                 misses = np.array([row["miss_pct"] for row in own])
                 stated = np.mean([_stated_chances(row, misses.shape[1]) for row in own], axis=0)
-                floors = [value for row in own for value in row["floor_pct"]]
-                for number in range(misses.shape[1]):
-                    hit = int((misses[:, : number + 1].min(axis=1) <= HIT_PCT).sum())
+                for number, hit in enumerate(_hits(misses).sum(axis=0).tolist()):
                     interval = binomtest(hit, len(own)).proportion_ci(0.9, method="wilson")
                     rows.append(
                         (
@@ -201,7 +209,7 @@ def outlooks(found: Found) -> Table:
                             100.0 * hit / len(own),
                             *(100.0 * float(share) for share in interval),
                             100.0 * stated[number],
-                            float(np.median(floors)) if floors else None,
+                            _floor(own),
                         )
                     )
     title = (

@@ -407,22 +407,25 @@ def grip_pose(position: Array, frame: Array) -> list[float]:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Args:
-    """Export fitted cables, and play the casts again in other simulators.
+class PlayedArgs:
+    """Casts that cables are fitted to, and that are played again."""
 
-    Attributes:
-        cables: Names of the cables.
-        lab: Seed of the virtual laboratory.
-        fitted: Casts that each cable is fitted to.
-        played: The first of them, which are played again.
-        out: Folder of casts, fits and exported files, in which the same command resumes.
-    """
+    lab: int = 0
+    """Seed of the virtual laboratory."""
+    fitted: int = 10
+    """Casts that a cable is fitted to."""
+    played: int = 3
+    """The first of them, which are played again."""
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/replay")
+    """Folder of casts, fits and exported files, in which the same command resumes."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Args(PlayedArgs):
+    """Export fitted cables, and play the casts again in other simulators."""
 
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
-    lab: int = 0
-    fitted: int = 10
-    played: int = 3
-    out: pathlib.Path = pathlib.Path("runs/benchmarks/replay")
+    """Names of the cables."""
 
 
 COARSE = 20
@@ -547,22 +550,11 @@ def main(args: Args) -> Iterator[Table]:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LawArgs:
-    """Compare the exported chain with EngineWarp, with one effect after the other.
-
-    Attributes:
-        cable: Name of the cable.
-        lab: Seed of the virtual laboratory.
-        fitted: Casts that the cable is fitted to.
-        played: The first of them, which are played.
-        out: Folder of casts and fits.
-    """
+class LawArgs(PlayedArgs):
+    """Compare the exported chain with EngineWarp, with one effect after the other."""
 
     cable: str = "cable_1"
-    lab: int = 0
-    fitted: int = 10
-    played: int = 3
-    out: pathlib.Path = pathlib.Path("runs/benchmarks/replay")
+    """Name of the cable."""
 
 
 SLIDING = "sliding friction alone"
