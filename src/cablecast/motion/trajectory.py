@@ -1,6 +1,7 @@
 """Trajectory: one planned motion down to the set points of the joints, as every rig executes it."""
 
 import dataclasses
+import functools
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
@@ -81,7 +82,7 @@ class Motion(Protocol):
     """What a cast is planned from: the parameters of one family of motions.
 
     `Action` is the sweep of the paper, `PolarCast` its baseline, `JointMove` a swing in the air.
-    `MOTIONS` (`motion/families.py`) lists them all.
+    `MOTIONS` (`motion/families.py`) lists them all. Motions are immutable and hashable.
 
     Attributes:
         family: Name of the family in files.
@@ -156,6 +157,12 @@ def plan_trajectory(action: Motion, setup: Setup) -> Trajectory:
         InputError: There is no such motion in this set-up.
         JointLimitError: The motion violates limits; the message names each with its value.
     """
+    return _planned(action, setup)
+
+
+# A search plans each motion that it tries, and the chosen one is planned again to be played.
+@functools.lru_cache(maxsize=16)
+def _planned(action: Motion, setup: Setup) -> Trajectory:
     grip_path = action.grip_path(setup)
     path = action.set_points(grip_path, setup)
     return Trajectory(action=action, grip_path=grip_path, joint_path=path)
