@@ -69,9 +69,8 @@ COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
         LEARNING,
         "error at targets by the number of real casts and corrections",
     ),
-    "scatter": ("scatter:scatter", LEARNING, "scatter of equal casts, and what predicts it"),
     "uneven": (
-        "scatter:uneven",
+        "uneven:uneven",
         PHYSICS,
         "share of a miss that one correction leaves on uneven friction",
     ),

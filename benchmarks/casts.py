@@ -20,9 +20,7 @@ from scipy.stats import binomtest
 
 import cablecast as cc
 from benchmarks.places import (
-    FINE_TUNING_MIN,
     HIT_PCT,
-    LOOPS,
     METHODS,
     MISSED_PCT,
     Found,
@@ -67,7 +65,7 @@ class CastsArgs(ModelArgs):
     cables: tuple[str, ...] = ("cable_1", "cable_2", "cable_3")
     """Cables."""
     methods: tuple[str, ...] = METHODS
-    """Methods among aim, full gain, one simulator, simulated, fine-tuning, paper."""
+    """Methods among aim and simulated."""
     targets: int = 200
     """Targets of each rig and cable, shared among the laboratories."""
     counts: tuple[int, ...] = (0, 2, 3, 5, 10, 20, 50, 100, 280)
@@ -109,8 +107,6 @@ def run(args: CastsArgs, report: ProgressCallback) -> Found:
                 here = Place(args, name, lab, cable, max(args.counts), report)
                 for count in args.counts:
                     for method in args.methods:
-                        if count < {"fine-tuning": FINE_TUNING_MIN, "paper": 2}.get(method, 0):
-                            continue
                         rows = here.results(method, count, own, args.tries, args.equal)
                         found.setdefault((name, cable, count, method), []).extend(rows)
     return found
@@ -135,7 +131,7 @@ def misses(found: Found, which: str = "") -> Table:
         for number, own in enumerate(values.T):
             q1, q3 = np.quantile(own, (0.25, 0.75))
             inside: tuple[float | None, ...] = (None, None)
-            if key[-1] in ("aim", "one simulator"):
+            if key[-1] == "aim":
                 shares = [row["share"][number] for row in casts_at]
                 landed = np.array([share for share in shares if share is not None])
                 inside = tuple(100.0 * float(np.mean(landed < share)) for share in (0.5, 0.9))
@@ -154,7 +150,7 @@ def distances(found: Found) -> Table:
     """Return misses, floors and motions of near, middle and far targets, for methods that aim."""
     rows = []
     for key, casts_at in found.items():
-        if key[-1] not in LOOPS:
+        if key[-1] != "aim":
             continue
         for low, high in itertools.pairwise((0.0, *RADII, np.inf)):
             own = [row for row in casts_at if low <= row["r"] < high]
@@ -192,7 +188,7 @@ def outlooks(found: Found) -> Table:
             row
             for (rig, _, count, method), casts_at in found.items()
             for row in casts_at
-            if (rig, count, method) == key and method in LOOPS
+            if (rig, count, method) == key and method == "aim"
         ]
         for calm in (True, False):
             if own := [row for row in every if row["calm"] is calm]:

@@ -28,15 +28,10 @@ from cablecast.rigs.checked import CheckedRig, seek_trial
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.runs.folder import Parts
-from cablecast.runs.places import DATASET_FOLDER
 from cablecast.runs.progress import Progress, ProgressCallback
 
-LOOPS = ("aim", "full gain", "one simulator")
-"""Methods that correct by each landing. aim: this package's loop. full gain: the same with every
-miss taken at face value. one simulator: the same without an ensemble."""
-METHODS = (*LOOPS, "simulated", "fine-tuning", "paper")
-"""simulated: the policy of the fitted simulator alone. fine-tuning: `train` with the real casts.
-paper: Differential Evolution, then fine-tuning where there are enough casts."""
+METHODS = ("aim", "simulated")
+"""aim: this package's loop. simulated: the policy of the fitted simulator alone."""
 
 RIGS = ("virtual", "strange", "even", "patchy", "chain", "engine", "example")
 """virtual: the package's laboratory. strange: other parameters, uneven friction, curl, servo, and
@@ -59,8 +54,6 @@ HIT_PCT = cc.AimConfig.within_pct
 """Miss up to which a target is hit [% of cable length]."""
 FIT_MAX = 20
 """Casts that the simulator is fitted to at most: more hardly change the fit."""
-FINE_TUNING_MIN = 50
-"""Casts that fine-tuning needs: casts without a landing do not count for it."""
 
 Found = dict[tuple[str, str, int, str], list[dict]]
 """Results at the targets by rig, cable, number of casts and method."""
@@ -137,7 +130,6 @@ def aimed_misses(
     target: NDArray[np.float64],
     tries: int,
     *,
-    full_gain: bool = False,
     equal_count: int = 0,
 ) -> dict[str, list]:
     """Return the misses [% of cable length] of a session, which stays as it was.
@@ -147,7 +139,6 @@ def aimed_misses(
         rig: Rig to cast on.
         target: Target [m], shape [2].
         tries: Number of casts.
-        full_gain: True to take every miss at face value.
         equal_count: Number of times that the last cast is repeated.
 
     Returns:
@@ -160,12 +151,6 @@ def aimed_misses(
     rows: dict[str, list] = {name: [] for name in ("miss_pct", "share", "expected", "family")}
     rows |= {"pace": [], "seconds": [], "floor_pct": []}
     for _ in range(tries):
-        if full_gain:
-            experience = session.predictor.experience
-            scales = dataclasses.replace(experience.residual.scales, noise=1e-4)
-            residual = dataclasses.replace(experience.residual, scales=scales)
-            experience = dataclasses.replace(experience, residual=residual)
-            session.predictor = dataclasses.replace(session.predictor, experience=experience)
         proposal = session.propose(target)
         cast = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
         share = proposal.expected.law.probability(cast.square)
@@ -206,7 +191,7 @@ def _counted(miss_pct: float) -> float:
 
 def try_count(method: str, tries: int) -> int:
     """Return the tries of a method at a target: one where no cast depends on those before."""
-    return tries if method in LOOPS else 1
+    return tries if method == "aim" else 1
 
 
 def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
@@ -222,16 +207,6 @@ def open_rig(name: str, lab: int, setup: cc.Setup) -> CheckedRig:
     if name not in DIFFERENCES:
         raise InputError(f"unknown rig {name[:40]!r}: one of {', '.join(RIGS)}")
     return cc.make_rig(StrangeRig(setup, 0, lab, **DIFFERENCES[name]), setup)
-
-
-def fit_name(count: int, paper: bool) -> str:
-    """Return the name of a fit and of its model; fits to more casts than the largest are that one.
-
-    Args:
-        count: Casts before the first target.
-        paper: True for the paper's search in place of least squares.
-    """
-    return f"{min(count, FIT_MAX)}{'-paper' if paper else ''}"
 
 
 def random_targets(count: int, lab: int) -> NDArray[np.float64]:
@@ -302,20 +277,19 @@ class Place:
                 every.add_dataset(made)
         return every.dataset(range(first, min(count, len(every))))
 
-    def tuned(self, count: int, paper: bool = False) -> cc.Tuned | None:
+    def tuned(self, count: int) -> cc.Tuned | None:
         """Return the fit to the first casts; None without casts."""
         fitted = self.casts(min(count, FIT_MAX))
         if fitted is None:
             return None
         return cc.tune(
             fitted,
-            config=cc.TuneConfig() if paper else cc.FitConfig(),
-            validation_count=1 if paper else 0,
-            out=self.folder / "fits" / fit_name(count, paper),
+            validation_count=0,
+            out=self.folder / "fits" / str(min(count, FIT_MAX)),
             progress=self.progress,
         )
 
-    def session(self, count: int, paper: bool = False) -> cc.AimSession:
+    def session(self, count: int) -> cc.AimSession:
         """Return a session after the first casts, which keeps nothing of what follows.
 
         As in `aim`, a polar cast comes after them.
@@ -324,8 +298,9 @@ class Place:
             self.rig,
             self.args.aim_config(0, within_pct=0.01, tries=1000),
             casts=self.casts(min(count, FIT_MAX)),
-            tuned=self.tuned(count, paper),
-            out=self.models / fit_name(count, paper),
+            tuned=self.tuned(count),
+            # A fit to more casts than the largest is that one.
+            out=self.models / str(min(count, FIT_MAX)),
             progress=self.progress,
         ).fork()
         rest = self.casts(count, FIT_MAX)
@@ -335,33 +310,14 @@ class Place:
             session.pilot(self.rig, self.progress)
         return session
 
-    def policy(self, method: str, count: int) -> ForwardSearchPolicy:
-        """Return the policy of a method that does not correct."""
-        paper = method == "paper"
-        policy = self.session(count, paper).model.policy
-        if method == "simulated" or (paper and count < FINE_TUNING_MIN):
-            return policy
-        real = self.casts(count)
-        if real is None:
-            raise InputError(f"method {method} needs casts")
-        real = dataclasses.replace(real, info=real.info | {"kind": "real"})
-        simulated = cc.read_dataset(self.models / fit_name(count, paper) / DATASET_FOLDER)
-        model: Any = policy.model
-        return cc.train(simulated, real, start=model)
-
     def player(
         self, method: str, count: int, equal_count: int = 0
     ) -> Callable[..., dict[str, list]]:
         """Return what casts by a method: a function of rig, target and number of tries."""
-        if method not in LOOPS:
-            return functools.partial(planned_misses, self.policy(method, count))
         session = self.session(count)
-        if method == "one simulator" and session.model.tuned is not None:
-            tuned = dataclasses.replace(session.model.tuned, members=())
-            session.use(dataclasses.replace(session.model, tuned=tuned))
-        return functools.partial(
-            aimed_misses, session, full_gain=method == "full gain", equal_count=equal_count
-        )
+        if method == "simulated":
+            return functools.partial(planned_misses, session.model.policy)
+        return functools.partial(aimed_misses, session, equal_count=equal_count)
 
     def results(
         self, method: str, count: int, targets: int, tries: int, equal_count: int = 0

@@ -5,8 +5,8 @@ import pytest
 from benchmarks import strange_rig
 from benchmarks.capsule_chain import CapsuleChain
 from benchmarks.places import RIGS, Luck, equal_casts, open_rig
-from benchmarks.scatter import STILL, after_correction, linear, stencils
 from benchmarks.strange_rig import StrangeRig
+from benchmarks.uneven import STILL, after_correction, linear, stencils
 
 import cablecast as cc
 from cablecast.motion.casting import Action
