@@ -14,7 +14,6 @@ from cablecast.cable import (
     CableParams,
     guess_params,
     load_cable,
-    save_cable,
 )
 from cablecast.errors import InputError, UnknownNameError
 
@@ -53,7 +52,7 @@ def test_the_table_has_every_parameter_with_its_default_and_a_cable_in_the_air_n
 @pytest.mark.parametrize("name", CABLE_NAMES)
 def test_a_cable_survives_the_way_through_a_file(name, tmp_path):
     cable = load_cable(name)
-    save_cable(cable, tmp_path / "mine.yaml")
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(cable.to_dict()))
     assert load_cable(str(tmp_path / "mine.yaml")) == cable
 
 
@@ -151,11 +150,10 @@ def test_an_array_of_the_wrong_shape_is_refused():
         params(mass=np.full((2, 2), 0.05))
 
 
-def test_parameters_of_several_worlds_are_not_written_to_a_file(tmp_path):
+def test_parameters_of_several_worlds_are_not_written_to_a_file():
     cable = dataclasses.replace(load_cable("cable_1"), params=params(mass=np.full(2, 0.05)))
     with pytest.raises(InputError, match="all worlds share"):
-        save_cable(cable, tmp_path / "many.yaml")
-    assert not (tmp_path / "many.yaml").exists()
+        cable.to_dict()
 
 
 def test_a_cable_is_keyword_only_and_frozen():

@@ -9,7 +9,7 @@ from tests.robot import ROBOT
 
 from cablecast.arm.robot import Obstacle
 from cablecast.arm.ur import ArmUR
-from cablecast.cable import load_cable, save_cable
+from cablecast.cable import load_cable
 from cablecast.camera.settings import CameraSettings
 from cablecast.errors import InputError, UnknownNameError
 from cablecast.runs.folder import plain_settings
@@ -43,7 +43,7 @@ def test_what_a_lab_file_leaves_out_takes_its_default(tmp_path):
 
 def test_the_cable_of_a_lab_file_may_lie_beside_it(tmp_path):
     cable = dataclasses.replace(load_cable("cable_1"), name="mine", length=0.7)
-    save_cable(cable, tmp_path / "mine.yaml")
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(cable.to_dict()))
     (tmp_path / "lab.yaml").write_text("cable: mine.yaml\n")
     assert load_setup(tmp_path / "lab.yaml").cable == cable
     (tmp_path / "lab.yaml").write_text(yaml.safe_dump({"cable": cable.to_dict()}))

@@ -130,10 +130,9 @@ class Case:
             return None
         errors = [outcomes(self.measure(make, *rung))[0].error for rung in self.ladder]
         counts, steps = np.array(self.ladder).T
-        in_time = bool(steps.max() > steps.min())
-        sizes = steps if in_time else 1.0 / counts
+        sizes = steps if steps.max() > steps.min() else 1.0 / counts
         slope = float(np.polyfit(np.log(sizes), np.log(np.maximum(errors, 1e-15)), 1)[0])
-        return Convergence(ladder=self.ladder, in_time=in_time, errors=tuple(errors), slope=slope)
+        return Convergence(ladder=self.ladder, errors=tuple(errors), slope=slope)
 
 
 def outcomes(measured: Iterable[Outcome | Curve]) -> list[Outcome]:
@@ -147,13 +146,11 @@ class Convergence:
 
     Attributes:
         ladder: Segments and step [s] of each rung.
-        in_time: True where the step changes, False where the segments do.
         errors: Relative error on each rung [-].
         slope: Slope of the error's logarithm over that of the step or of the segment's length.
     """
 
     ladder: tuple[tuple[int, float], ...]
-    in_time: bool
     errors: tuple[float, ...]
     slope: float
 

@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.conventions import GRAVITY
@@ -27,7 +26,7 @@ from cablecast.errors import (
     check_number,
     check_ranges,
 )
-from cablecast.files import read_yaml, write_text
+from cablecast.files import read_yaml
 
 ROD_ARM = 2.0 / 3.0
 """Arm of an attachment that is a uniform rod, over its length [-]."""
@@ -596,8 +595,3 @@ def load_cable(name_or_path: str | os.PathLike[str]) -> Cable:
     except InputError as error:
         text = str(error)
         raise InputError(text if str(path) in text else f"{path}: {text}") from None
-
-
-def save_cable(cable: Cable, path: pathlib.Path) -> None:
-    """Write a cable as YAML that `load_cable` reads."""
-    write_text(path, yaml.safe_dump(cable.to_dict(), sort_keys=False, allow_unicode=True))
