@@ -17,116 +17,46 @@ import typing
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from benchmarks.result import (
-    AIR,
-    FOLDER,
-    LABORATORY,
-    LEARNING,
-    OTHER,
-    PAPER,
-    PHYSICS,
-    ROBOT,
-    SIGHT,
-    STRIKES,
-    WHIP,
-    Result,
-    Table,
-    measured,
-)
+from benchmarks.result import FOLDER, OTHER, Result, Table, depends, measured
 
-COMMANDS: dict[str, tuple[str, tuple[str, ...], str]] = {
-    "convergence": ("accuracy:convergence", PHYSICS, "error of the landing by segments and step"),
-    "order": ("accuracy:order", PHYSICS, "order of EngineWarp in time"),
-    "sensitivity": (
-        "accuracy:sensitivity",
-        PHYSICS,
-        "error of the landing by the cast's own sensitivity",
-    ),
-    "stability": (
-        "energy:stability",
-        PHYSICS,
-        "worlds over the search space: none may gain energy",
-    ),
-    "swing": ("energy:swing", PHYSICS, "energy that an undamped swing loses, by the step"),
-    "validation": ("validation:main", PHYSICS, "closed forms, with plots"),
-    "engines": (
-        "engines:main",
-        (*PHYSICS, "engines"),
-        "rollouts per second and accuracy of every engine",
-    ),
+COMMANDS: dict[str, tuple[str, str]] = {
+    "convergence": ("accuracy:convergence", "error of the landing by segments and step"),
+    "order": ("accuracy:order", "order of EngineWarp in time"),
+    "sensitivity": ("accuracy:sensitivity", "error of the landing by the cast's own sensitivity"),
+    "stability": ("energy:stability", "worlds over the search space: none may gain energy"),
+    "swing": ("energy:swing", "energy that an undamped swing loses, by the step"),
+    "validation": ("validation:main", "closed forms, with plots"),
+    "engines": ("engines:main", "rollouts per second and accuracy of every engine"),
     "cosserat": (
         "cosserat:cosserat",
-        PHYSICS,
         "another author's tests of rod solvers, with MuJoCo and PyElastica",
     ),
-    "mocap": (
-        "mocap:main",
-        PHYSICS,
-        "motion capture of cables held at both ends, with published figures",
-    ),
-    "casts": (
-        "casts:casts",
-        LEARNING,
-        "error at targets by the number of real casts and corrections",
-    ),
-    "uneven": (
-        "uneven:uneven",
-        PHYSICS,
-        "share of a miss that one correction leaves on uneven friction",
-    ),
-    "waits": (
-        "times:waits",
-        (*LEARNING, "pipeline/check"),
-        "waits: check, fit, first plan, each try, opening",
-    ),
-    "cluster": (
-        "times:cluster",
-        (*PHYSICS, "data"),
-        "throughput of a Ray cluster on this machine and of one thread",
-    ),
-    "replay": (
-        "replay:main",
-        (*LABORATORY, "tuning", "exports"),
-        "exported cables in other simulators, against measured casts",
-    ),
-    "laws": (
-        "replay:laws",
-        (*LABORATORY, "tuning", "exports"),
-        "exported chain of MuJoCo against EngineWarp, by the effect",
-    ),
-    "hand": (
-        "hand:main",
-        (*PHYSICS, "data", "vision", "tuning", "exports/facts"),
-        "fits of made cables that a hand swings: whether their intervals hold",
-    ),
-    "light": ("light:main", SIGHT, "tracker in flicker, casts of colour, with markers of any hue"),
-    "faults": ("faults:main", ROBOT, "faults of robot, camera and cable in every phase"),
-    "effects": (
-        "effects:effects",
-        LABORATORY,
-        "shift of landings by each effect of the laboratory",
-    ),
-    "arms": ("arms:arms", LEARNING, "arms of other makers: time of candidates, and hits"),
-    "labs": ("labs:labs", (*LEARNING, "pipeline/check"), "random laboratories: run or refused"),
-    "irp": ("irp:main", AIR, "strikes in the air on the benchmark of Iterative Residual Policy"),
-    "strike": ("strike:main", STRIKES, "strikes in the air on the strike laboratory, with floors"),
+    "mocap": ("mocap:main", "motion capture of cables held at both ends, with published figures"),
+    "casts": ("casts:casts", "error at targets by the number of real casts and corrections"),
+    "uneven": ("uneven:uneven", "share of a miss that one correction leaves on uneven friction"),
+    "waits": ("times:waits", "waits: check, fit, first plan, each try, opening"),
+    "cluster": ("times:cluster", "throughput of a Ray cluster on this machine and of one thread"),
+    "replay": ("replay:main", "exported cables in other simulators, against measured casts"),
+    "laws": ("replay:laws", "exported chain of MuJoCo against EngineWarp, by the effect"),
+    "hand": ("hand:main", "fits of made cables that a hand swings: whether their intervals hold"),
+    "light": ("light:main", "tracker in flicker, casts of colour, with markers of any hue"),
+    "faults": ("faults:main", "faults of robot, camera and cable in every phase"),
+    "effects": ("effects:effects", "shift of landings by each effect of the laboratory"),
+    "arms": ("arms:arms", "arms of other makers: time of candidates, and hits"),
+    "labs": ("labs:labs", "random laboratories: run or refused"),
+    "irp": ("irp:main", "strikes in the air on the benchmark of Iterative Residual Policy"),
+    "strike": ("strike:main", "strikes in the air on the strike laboratory, with floors"),
     "arrival": (
         "arrival:main",
-        AIR,
         "strikes from a direction: within 5 cm and 10 deg, at 1 m/s, with a known rope",
     ),
     "whip": (
         "whip:main",
-        WHIP,
         "strikes with a whip: another author's six targets, known whip and unknown",
     ),
-    "reproduce": (
-        "reproduction:main",
-        PAPER,
-        "every experiment of the paper, by `cablecast reproduce`",
-    ),
+    "reproduce": ("reproduction:main", "every experiment of the paper, by `cablecast reproduce`"),
 }
-"""Module and function of each command, the code that it depends on, and what it measures."""
+"""Module and function of each command, and what it measures."""
 
 QUOTED: dict[str, tuple[str, float]] = {
     "five-casts": ("casts --rigs virtual --counts 5 --methods aim --targets 66 --equal 3", 1.5),
@@ -179,10 +109,14 @@ def parse(name: str, words: list[str]) -> tuple[Callable[[Any], Iterable[Table]]
     """Return the function of a command, and its arguments from the words of a command line."""
     import tyro
 
-    module, function = COMMANDS[name][0].split(":")
-    run = getattr(importlib.import_module(f"benchmarks.{module}"), function)
+    run = getattr(importlib.import_module(module_of(name)), COMMANDS[name][0].split(":")[1])
     kind = typing.get_type_hints(run)["args"]
     return run, tyro.cli(kind, prog=f"python -m benchmarks {name}", args=words)
+
+
+def module_of(command: str) -> str:
+    """Return the name of the module of a command."""
+    return f"benchmarks.{COMMANDS[command][0].split(':')[0]}"
 
 
 def settings_of(args: Any) -> dict[str, Any]:
@@ -211,7 +145,7 @@ def run_command(command: str, words: list[str]) -> int:
         name=quoted or command,
         command=f"python -m benchmarks {line}",
         settings=settings_of(args),
-        code=COMMANDS[command][1],
+        code=depends(module_of(command)),
     )
     if resumes:
         # An earlier call did a part of the work.
@@ -272,7 +206,7 @@ def main() -> int:
         return run_all(tyro.cli(AllArgs, prog="python -m benchmarks all", args=words))
     if name not in COMMANDS:
         print("usage: python -m benchmarks NAME [options]\n")
-        for command, (_, _, what) in COMMANDS.items():
+        for command, (_, what) in COMMANDS.items():
             print(f"  {command:13}{what}")
         print("\n  all          repeat the runs that pages quote, within --budget hours")
         print("  pages        write the pages from the results, as `make results` does")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import cablecast as cc
-from benchmarks.result import LEARNING, Table, code_key
+from benchmarks.result import Table, code_key
 from cablecast.arm.description import arm_from_dict
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.pipeline.aim import SimulatorConfig
@@ -88,7 +88,7 @@ def aimed(args: ArmsArgs, name: str, setup: cc.Setup) -> list[cc.Cast]:
         refit=False,
     )
     simulators = SimulatorConfig(segment_count=20, dt=2e-3, spread_count=60)
-    out = args.out / code_key(LEARNING) / name
+    out = args.out / code_key(__name__) / name
     with cc.make_rig(args.rig, setup) as rig:
         session = cc.prepare_aim(rig, config, simulators=simulators, out=out)
         landed = session.model.policy.predicted_xy

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.irp import model
-from benchmarks.result import AIR, Table, code_key
+from benchmarks.result import Table, code_key
 from cablecast.aiming.strike import StrikeAim, StrikePrior
 from cablecast.cable import Cable
 from cablecast.conventions import Array
@@ -132,7 +132,7 @@ def main(args: Args) -> Iterator[Table]:
     """Strike the goals of each rope, and yield a table of how many arrived as asked."""
     world = dataclasses.replace(model(), duration=DURATION)
     settings = {"seed": args.seed, "searches": args.searches, "ropes": repr(ROPES)}
-    folder = args.out / code_key(AIR) / f"seed-{args.seed}-searches-{args.searches}"
+    folder = args.out / code_key(__name__) / f"seed-{args.seed}-searches-{args.searches}"
     parts = Parts(folder, fingerprint(settings))
     rows, everything = [], []
     for name, rope in ROPES.items():

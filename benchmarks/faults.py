@@ -25,7 +25,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.result import ROBOT, Table, code_key
+from benchmarks.result import Table, code_key
 from benchmarks.truth import TruthCamera
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.data.dataset import read_dataset
@@ -289,7 +289,7 @@ class Args:
 
 def main(args: Args) -> Iterator[Table]:
     """Try faults in phases, and yield a table of each generation."""
-    file = args.out / f"{code_key(ROBOT)}.json"
+    file = args.out / f"{code_key(__name__)}.json"
     cells = read_json(file) if file.is_file() else {}
     lab = load_setup(ROOT / "examples" / "twin.yaml")
     for generation in args.generations:

@@ -40,7 +40,7 @@ from benchmarks.irp_world import (
     pixels_of,
     respond,
 )
-from benchmarks.result import AIR, Table, code_key
+from benchmarks.result import Table, code_key
 from cablecast.aiming.strike import StrikeAim, StrikePrior
 from cablecast.conventions import Array
 from cablecast.engines.swing import SwingModel
@@ -247,7 +247,7 @@ def _job(parts: Parts, name: str, *job: Any) -> tuple[str, dict[str, Any]]:
 def main(args: Args) -> Iterator[Table]:
     """Strike the goals of every row, and yield a table of errors and one of times."""
     settings = {"belief": repr(BELIEVED), "deviations": DEVIATIONS, "tries": args.tries}
-    folder = args.out / code_key(AIR)
+    folder = args.out / code_key(__name__)
     file = folder / "prior.npz"
     # Before processes part, so that each of them has it.
     print(len(prior(file).motion.end), "moves", file=sys.stderr)

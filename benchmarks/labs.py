@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks.result import LEARNING, Table, code_key, plain
+from benchmarks.result import Table, code_key, plain
 from cablecast.arm.ur import ARM_MODELS
 from cablecast.cable import KIND_NAMES
 from cablecast.conventions import mirror_xy
@@ -187,7 +187,7 @@ def labs(args: LabsArgs) -> Iterator[Table]:
     end = time.monotonic() + 60.0 * args.minutes
     found = []
     size = f"{args.tries}-{args.simulated}-{args.epochs}"
-    parts = Parts(args.out / code_key((*LEARNING, "pipeline/check")) / size)
+    parts = Parts(args.out / code_key(__name__) / size)
     for seed in range(args.count):
         lab = parts.get(f"lab-{seed:03d}")
         if lab is None:

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.result import PHYSICS, Table, code_key
+from benchmarks.result import Table, code_key
 from cablecast.cable import Cable, CableParams
 from cablecast.conventions import Array, tangent
 from cablecast.engines.base import CableState
@@ -489,7 +489,7 @@ def main(args: Args) -> Iterator[Table]:
     rows: list[tuple[Any, ...]] = []
     for name in find_cables(args.data):
         files = [args.data / f"{name}_{part}.npz" for part in ("train", "eval")]
-        folder = args.out / code_key(PHYSICS) / name
+        folder = args.out / code_key(__name__) / name
         fits = Parts(folder, fingerprint(settings, *(file.read_bytes() for file in files)))
         train, held_out = (Player(Sequences(file), args) for file in files)
         values: dict[str, float] | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cablecast as cc
-from benchmarks.result import LEARNING, code_key
+from benchmarks.result import code_key
 from benchmarks.strange_rig import (
     SAMPLE_DT,
     StrangeRig,
@@ -248,7 +248,7 @@ class Place:
         self.setup = cc.Setup(cable=cable)
         self.rig = open_rig(name, lab, self.setup)
         size = f"{args.simulated}-{args.epochs}"
-        self.folder = args.out / code_key(LEARNING) / f"{name}-{lab}-{cable}"
+        self.folder = args.out / code_key(__name__) / f"{name}-{lab}-{cable}"
         self.parts = Parts(self.folder / f"results-{size}-{args.candidates}")
         self.models = self.folder / f"models-{size}"
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.pages import signed
-from benchmarks.result import PAPER, ROOT, Table, fingerprint, fingerprints_at
+from benchmarks.result import ROOT, Table, depends, fingerprint, fingerprints_at
 from cablecast.cli.progress import console_progress
 from cablecast.engines import EngineName
 from cablecast.errors import InputError
@@ -287,7 +287,7 @@ def refuse_other_code(folder: pathlib.Path, commit: str) -> None:
     Raises:
         InputError: The code of a room that decides its results has changed since.
     """
-    before = fingerprints_at(commit, PAPER)
+    before = fingerprints_at(commit, depends(__name__))
     if changed := [part for part, there in before.items() if there != fingerprint(part)]:
         raise InputError(
             f"{folder} was begun at commit {commit[:8]}, and the code of {', '.join(changed)} has "

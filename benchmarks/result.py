@@ -1,9 +1,9 @@
 """Results as data: what a command measured, when, on what, and of which version of the code.
 
 A result is a small JSON file. Those that pages quote lie in `benchmarks/results`. Each has a
-fingerprint of every part of cablecast that decides its numbers: it is out of date once the code of
-such a part differs. Comments and docstrings do not count, nor what only carries numbers from one
-part to the next: set-ups, datasets, folders.
+fingerprint of every part of cablecast that its benchmark can import (`depends`): it is out of date
+once the code of such a part differs, or if it has no fingerprint of one. Comments and docstrings do
+not count.
 """
 
 import ast
@@ -15,7 +15,7 @@ import pathlib
 import subprocess
 import tarfile
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,36 +29,10 @@ FOLDER = ROOT / "benchmarks" / "results"
 OTHER = ROOT / "runs" / "benchmarks"
 """Results that no page quotes."""
 
-ENGINE = ("cable", "engines/base", "engines/dynamics", "engines/warp_")
-PHYSICS = (*ENGINE, "motion/casting", "motion/grip_path")
-"""Rooms, or packages and modules in them, that decide how a simulated cable moves."""
-LABORATORY = (*ENGINE, "motion", "arm", "rigs/virtual")
-PAPER = (*LABORATORY, "tuning", "learning", "evaluation")
-"""What `cablecast reproduce` depends on: it does not aim."""
-LEARNING = (*LABORATORY, "tuning", "learning", "aiming")
-AIR = (
-    *ENGINE,
-    "engines/contact",
-    "engines/swing",
-    "motion/joint_move",
-    "tuning/tips",
-    "aiming/strike",
-)
-"""Strikes in the air."""
-STRIKES = (
-    *AIR,
-    "arm",
-    "motion",
-    "rigs/virtual",
-    "tuning/servo",
-    "aiming/strike_session",
-    "pipeline/strike",
-)
-"""Strikes on the strike laboratory."""
-WHIP = ("cable", "task", "tuning/tips")
-"""Strikes with a whip, which MuJoCo plays."""
-ROBOT = ("rigs/arm", "rigs/driver", "rigs/path", "rigs/ur")
-SIGHT = ("camera", "vision", "rigs/virtual")
+SHOWING = ("errors", "files", "runs", "report", "gym", "view", "cli")
+"""Rooms that refuse, keep and show numbers, and change none."""
+TOOLS = ("benchmarks.__main__", "benchmarks.pages", "benchmarks.result")
+"""Modules of the benchmarks that measure nothing."""
 
 DIGITS = 6
 """Significant digits of a number in a file."""
@@ -118,7 +92,7 @@ class Result:
         cores: Number of processor cores.
         load: Mean number of busy processes in the minute before the start; None if unknown.
         seconds: Duration [s]; None if unknown.
-        code: Fingerprint of each part of cablecast that it depends on.
+        code: Fingerprint of each part of cablecast that it depends on, by `depends`.
         tables: What was measured.
         note: What a reader must know about its origin.
     """
@@ -137,8 +111,14 @@ class Result:
     note: str = ""
 
     def changed(self, root: pathlib.Path = ROOT) -> list[str]:
-        """Return the parts of cablecast whose code has changed since."""
-        return [part for part, stored in self.code.items() if stored != fingerprint(part, root)]
+        """Return the rooms of cablecast whose code has changed since, or is not known."""
+        from benchmarks.__main__ import COMMANDS, module_of
+
+        command = self.command.partition("python -m benchmarks ")[2].split(" ")[0]
+        today = depends(module_of(command), root) if command in COMMANDS else ()
+        unknown = [part for part in today if not _is_in(part, self.code)]
+        other = [part for part, stored in self.code.items() if stored != fingerprint(part, root)]
+        return sorted({part.split("/")[0] for part in (*other, *unknown)})
 
     def table(self, title: str) -> Table:
         """Return the table whose title starts with some words."""
@@ -194,7 +174,7 @@ def measured(
         name: Name of the result.
         command: Command that measures it.
         settings: Settings of the command.
-        code: Parts of cablecast that the result depends on.
+        code: Parts of cablecast that the result depends on, by `depends`.
     """
     facts, start, found, status = run_facts(), time.perf_counter(), [], 0
     # As it is now, not as it may be edited to meanwhile.
@@ -236,9 +216,92 @@ def fingerprint(part: str, root: pathlib.Path = ROOT) -> str:
     return _digest([file.read_text() for file in files if file.is_file()])
 
 
-def code_key(code: Sequence[str]) -> str:
-    """Return a name for the code of some parts: what other code made is not gone on with."""
-    return hashlib.sha256("".join(fingerprint(part) for part in code).encode()).hexdigest()[:12]
+def code_key(module: str) -> str:
+    """Return a name for the code behind a benchmark: what other code made is not gone on with."""
+    code = "".join(map(fingerprint, depends(module)))
+    return hashlib.sha256(code.encode()).hexdigest()[:12]
+
+
+@functools.cache
+def depends(module: str, root: pathlib.Path = ROOT) -> tuple[str, ...]:
+    """Return the parts of cablecast that the code of a benchmark can import.
+
+    Imports inside functions count; those for types and rooms of `SHOWING` do not. A package with
+    all its modules is one part.
+
+    Args:
+        module: Name of the benchmark's module, such as "benchmarks.casts".
+        root: Root of the repository.
+    """
+    found, waiting = {module}, [module]
+    while waiting:
+        new = _imports(waiting.pop(), root) - found
+        found |= new
+        waiting += new
+    package = root / "src" / "cablecast"
+    files = {_file(name, root) for name in found if name.startswith("cablecast.")}
+    parts = set()
+    for file in files:
+        folders = [folder for folder in reversed(file.parents) if package in folder.parents]
+        whole = (folder for folder in folders if files.issuperset(folder.rglob("*.py")))
+        parts.add(next(whole, file.with_suffix("")).relative_to(package).as_posix())
+    return tuple(sorted(parts))
+
+
+def _is_in(part: str, others: Iterable[str]) -> bool:
+    """Return whether a part is one of some others, or lies in one."""
+    return any(f"{part}/".startswith(f"{other}/") for other in others)
+
+
+@functools.cache
+def _imports(module: str, root: pathlib.Path) -> set[str]:
+    """Return the modules of cablecast and of the benchmarks that a module can import by itself."""
+    names: set[str] = set()
+    for node in _nodes(ast.parse(_file(module, root).read_text())):
+        match node:
+            case ast.Import():
+                names |= {alias.name for alias in node.names}
+            case ast.ImportFrom(module=str(base)):
+                names |= {f"{base}.{alias.name}" for alias in node.names}
+            case ast.Attribute(value=ast.Name(id="cc" | "cablecast"), attr=name):
+                names.add(f"cablecast.{name}")
+            # An exported script has the text of a module.
+            case ast.Call(func=ast.Name(id="script"), args=[ast.Constant(value=name), *_]):
+                names.add(f"cablecast.exports.{name}")
+    homes = _public(root)
+    dotted = [homes.get(name, name).split(".") for name in names]
+    modules = {".".join(parts[:end]) for parts in dotted for end in range(2, len(parts) + 1)}
+    return {name for name in modules if _counts(name) and _file(name, root).is_file()}
+
+
+def _counts(name: str) -> bool:
+    package, room, *_ = name.split(".")
+    return name not in TOOLS and (
+        package == "benchmarks" or (package == "cablecast" and room not in SHOWING)
+    )
+
+
+@functools.cache
+def _public(root: pathlib.Path) -> dict[str, str]:
+    """Return the module of each public name of cablecast."""
+    tree = ast.walk(ast.parse((root / "src" / "cablecast" / "__init__.py").read_text()))
+    imports = [node for node in tree if isinstance(node, ast.ImportFrom)]
+    return {f"cablecast.{alias.name}": str(node.module) for node in imports for alias in node.names}
+
+
+def _file(module: str, root: pathlib.Path) -> pathlib.Path:
+    """Return the file of a module, which need not exist."""
+    parts = module.split(".")
+    base = root.joinpath(*(["src"] if parts[0] == "cablecast" else []), *parts)
+    return base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
+
+
+def _nodes(node: ast.AST) -> Iterator[ast.AST]:
+    """Find the nodes of a syntax tree that run: all but those under TYPE_CHECKING."""
+    for child in ast.iter_child_nodes(node):
+        if not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
+            yield child
+            yield from _nodes(child)
 
 
 def fingerprints_at(commit: str, code: Sequence[str]) -> dict[str, str]:

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.result import STRIKES, Table, code_key
+from benchmarks.result import Table, code_key
 from cablecast.aiming.config import AimConfig
 from cablecast.cable import load_cable
 from cablecast.cast import Cast
@@ -182,7 +182,7 @@ def _counted(distances: Iterable[float]) -> list[float]:
 
 def main(args: Args) -> Iterator[Table]:
     """Strike the targets of every cable, and yield a table of misses and one of times."""
-    folder = args.out / code_key(STRIKES) / f"lab-{args.lab}-seed-{args.seed}"
+    folder = args.out / code_key(__name__) / f"lab-{args.lab}-seed-{args.seed}"
     with concurrent.futures.ProcessPoolExecutor(args.workers) as pool:
         futures = {cable: pool.submit(strike, cable, args, folder) for cable in args.cables}
         found = {cable: future.result() for cable, future in futures.items()}

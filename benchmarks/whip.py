@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.result import WHIP, Table, code_key
+from benchmarks.result import Table, code_key
 from benchmarks.whip_world import (
     DT,
     HIGH,
@@ -352,7 +352,7 @@ def corrected(model: World, seen: Sequence[TipSwing]) -> Callable[[Array], Array
 
 def main(args: Args) -> Iterator[Table]:
     """Strike the targets, and yield a table of searches and one of tries with an unknown whip."""
-    folder = args.out / code_key(WHIP) / f"seed-{args.seed}-tries-{args.tries}"
+    folder = args.out / code_key(__name__) / f"seed-{args.seed}-tries-{args.tries}"
     parts = Parts(folder, fingerprint({"seed": args.seed, "tries": args.tries}))
     rows = []
     for number in args.targets:

@@ -4,6 +4,8 @@ import dataclasses
 import json
 import shlex
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -11,8 +13,10 @@ from benchmarks import __main__ as benchmarks
 from benchmarks import pages
 from benchmarks.result import (
     ROOT,
+    SHOWING,
     Result,
     Table,
+    depends,
     fingerprint,
     fingerprints_at,
     measured,
@@ -67,8 +71,40 @@ def test_a_result_is_of_the_command_that_renews_it(name):
     result = quoted(name)
     assert result.command == f"python -m benchmarks {line}"
     assert result.settings == json.loads(json.dumps(settings, default=str))
-    assert set(result.code) == set(benchmarks.COMMANDS[command][1])
     assert hours > 0.0
+
+
+def test_a_benchmark_depends_on_what_it_imports():
+    module = "benchmarks.arrival"
+    names = f"import sys, {module}; print(*(n for n in sys.modules if n[:10] == 'cablecast.'))"
+    done = subprocess.run([sys.executable, "-c", names], capture_output=True, check=True, text=True)
+    imported = [name.split(".")[1:] for name in done.stdout.split()]
+    found = depends(module)
+    counted = ["/".join(parts) for parts in imported if parts[0] not in SHOWING]
+    assert len(counted) > 10
+    for part in counted:
+        assert covers(found, part), part
+
+
+def test_a_benchmark_depends_on_what_its_functions_import_and_public_names_stand_for():
+    found = depends("benchmarks.casts")
+    for part in (
+        "engines/warp_/step",
+        "motion/servo",
+        "pipeline/aim",
+        "rigs/virtual/scene",
+        "task",
+    ):
+        assert covers(found, part), part
+    for room in (*SHOWING, "rigs/ur", "exports"):
+        assert not any(f"{part}/".startswith(f"{room}/") for part in found), room
+    # Its code is the text of a script.
+    assert covers(depends("benchmarks.replay"), "exports/pybullet_cable")
+
+
+def covers(found, part):
+    """Return whether a part is one of those found, or lies in one; a package by its first file."""
+    return any(f"{part}/".startswith(f"{other}/") or other == f"{part}/__init__" for other in found)
 
 
 @pytest.fixture
@@ -99,6 +135,14 @@ def test_a_page_names_the_room_whose_code_has_changed(tree):
     assert "has changed" not in pages.origin(result, tree)
     rewrite(tree, " + ", " - ")
     assert "**The code of motion has changed since.**" in pages.origin(result, tree)
+
+
+def test_a_page_names_the_rooms_of_which_the_result_has_no_fingerprint():
+    parts = depends(benchmarks.module_of("swing"))
+    whole = dataclasses.replace(result_of(*parts), command="python -m benchmarks swing")
+    assert whole.changed() == []
+    code = {part: stored for part, stored in whole.code.items() if part != "cable"}
+    assert dataclasses.replace(whole, code=code).changed() == ["cable"]
 
 
 def test_the_fingerprint_of_a_commit_is_that_of_its_files():
