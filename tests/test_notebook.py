@@ -1,4 +1,4 @@
-"""The notebook of the tutorial says what its pages say, and runs to its end."""
+"""The notebook of the tutorial says what its page says, and runs to its end."""
 
 import json
 import os
@@ -25,7 +25,7 @@ TINY = (
 FEW = "cc.TuneConfig(population_size=6, "
 
 
-def test_the_notebook_is_made_of_the_pages_as_they_are():
+def test_the_notebook_is_made_of_the_page_as_it_is():
     assert NOTEBOOK.read_text() == content(), "run `python tools/make_notebook.py`"
 
 

@@ -1,4 +1,4 @@
-"""Make the notebook of the tutorial from its four pages, so that it says what they say.
+"""Make the notebook of the tutorial with a simulator from its page, so that it says the same.
 
 python tools/make_notebook.py
 """
@@ -12,21 +12,20 @@ from typing import Any
 from cablecast.files import write_text
 
 ROOT = pathlib.Path(__file__).parents[1]
-PAGES = sorted((ROOT / "docs").glob("tutorial-*.md"))
+PAGE = ROOT / "docs" / "tutorial-simulator.md"
 NOTEBOOK = ROOT / "examples" / "tutorial.ipynb"
 CODE_BLOCK = re.compile(r"^```python\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\((?!\w+:)([^)\s]+)\)")
 
 
 def notebook() -> dict[str, Any]:
-    """Return the notebook: text and code of the pages, cell by cell, without outputs."""
+    """Return the notebook: text and code of the page, cell by cell, without outputs."""
     cells = []
-    for page in PAGES:
-        text = LINK.sub(lambda found: f"]({_from_examples(found[1])})", page.read_text())
-        # The pieces between code blocks are text.
-        for index, piece in enumerate(CODE_BLOCK.split(text)):
-            if piece.strip():
-                cells.append(_cell("code" if index % 2 else "markdown", piece.strip(), len(cells)))
+    text = LINK.sub(lambda found: f"]({_from_examples(found[1])})", PAGE.read_text())
+    # The pieces between code blocks are text.
+    for index, piece in enumerate(CODE_BLOCK.split(text)):
+        if piece.strip():
+            cells.append(_cell("code" if index % 2 else "markdown", piece.strip(), len(cells)))
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     return {
         "cells": cells,

@@ -35,7 +35,9 @@ PAGES = (
         f"docs/{name}.md"
         for name in (
             "install",
-            "tutorial-1-aim",
+            "tutorial-simulator",
+            "tutorial-cable",
+            "tutorial-robot",
             "lab",
             "aim",
             "strike",
@@ -48,7 +50,6 @@ PAGES = (
             "reset",
             "your-own-rig",
             "camera",
-            "fit-my-cable",
             "other-simulators",
             "robot",
             "ursim",
@@ -148,12 +149,13 @@ MADE = {
     ),
     ("docs/camera.md", "cablecast track cast.mp4"): FILM,
     ("docs/camera.md", "cablecast camera check"): ("cp examples/twin.yaml lab.yaml", TWIN),
-    ("docs/robot.md", "cablecast check"): (
+    ("docs/tutorial-simulator.md", "cablecast check"): (write("my_lab.yaml", NEWCOMER_LAB),),
+    ("docs/tutorial-robot.md", "cablecast check"): (
         "rm -rf runs/my_lab",
         "sed 's/seen_safe: true/seen_safe: false/' examples/twin.yaml > lab.yaml",
         TWIN,
     ),
-    ("docs/robot.md", "cablecast aim --rig ur --setup lab.yaml"): (
+    ("docs/tutorial-robot.md", "cablecast aim --rig ur --setup lab.yaml"): (
         "sed -i 's/seen_safe: false/seen_safe: true/' lab.yaml",
     ),
 }

@@ -21,7 +21,7 @@ class Track:
     the marker was not seen; nothing is guessed. A video of some seconds takes about a minute.
     With --grip-hue or --grip-tag it also follows the hand that swings the cable, and writes a table
     for `cablecast import` (casts.csv). docs/camera.md explains how to set up a camera, and
-    docs/fit-my-cable.md how to film a hand.
+    docs/tutorial-cable.md how to film a hand.
     """
 
     videos: Annotated[
