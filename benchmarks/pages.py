@@ -447,7 +447,7 @@ def origin(result: Result, root: pathlib.Path = ROOT) -> str:
     if result.processor:
         parts.append(result.processor)
     if result.load is not None and result.cores and result.load > 0.5 * result.cores:
-        parts.append(f"beside other work (load {result.load:.1f})")
+        parts.append(f"on a busy machine (load {result.load:.1f})")
     lines = [", ".join(parts) + "."]
     if changed := result.changed(root):
         names = [*changed[:2], f"{len(changed) - 2} more rooms"] if len(changed) > 3 else changed

@@ -105,6 +105,30 @@ def test_every_relative_link_and_picture_leads_to_a_file(page):
             assert heading in slugs, f"{by_name(page)} links to #{heading}"
 
 
+# What a user reads; tables that results fill are left out.
+WORDS_MAX = 22_000
+# About ten minutes of reading, with all tables.
+PAGE_WORDS_MAX = 2_500
+# A list of closed forms, which a program writes.
+LONG_PAGES = {"docs/validation.md"}
+
+
+def words(text: str) -> int:
+    """Count what has a letter or a digit between spaces."""
+    return len(re.findall(r"\S*\w\S*", text))
+
+
+def test_all_pages_together_are_read_in_two_hours():
+    results = re.compile(r"<!-- results: .*?<!-- end of results -->", re.DOTALL)
+    counts = {by_name(page): words(results.sub("", page.read_text())) for page in PAGES}
+    assert sum(counts.values()) <= WORDS_MAX, sorted(counts.items(), key=lambda item: -item[1])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=by_name)
+def test_a_page_is_read_in_ten_minutes(page):
+    assert by_name(page) in LONG_PAGES or words(page.read_text()) <= PAGE_WORDS_MAX
+
+
 def test_every_page_is_listed():
     listed = (ROOT / "docs" / "README.md").read_text()
     for page in PAGES[1:]:

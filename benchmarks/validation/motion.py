@@ -381,7 +381,7 @@ ORDER = (
             "against 240, at 0.25 ms. The line has slope 2."
         ),
         tolerance=0.4,
-        reason="20 segments hardly resolve a fold, which leaves some scatter",
+        reason="20 segments barely resolve a fold, which leaves some scatter",
         measure=functools.partial(slope, in_time=False, changes=SLIDING),
         segment_count=80,
         dt=2.5e-4,
