@@ -7,7 +7,7 @@ import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
 import cablecast as cc
-from cablecast.aiming.polar import AMPLITUDES, LAID_OUT, PACES, SCATTER, PolarLandings
+from cablecast.aiming.polar import LAID_OUT, PACES, SCATTER, TURNING, PolarLandings
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
 from cablecast.aiming.residual import Experience, ResidualScales
@@ -24,7 +24,7 @@ LENGTH = SETUP.cable.length
 FAR = polar_to_xy([1.25, 0.2])
 WILD = ResidualScales(amplitude=0.3, noise=0.3)
 """Scales of sweeps that scatter by a third of the cable's length."""
-ASTRAY = 0.1
+ASTRAY = 0.05
 """Error of made-up casts across the cable [cable lengths]."""
 
 
@@ -37,17 +37,19 @@ def landings():
 
 def astray(landings, cast):
     """Return a polar cast that landed beside where it was expected, with the landing."""
-    decay = landings._sizes(cast)[1] / AMPLITUDES[1]
-    xy = landings._simulated_xy(cast) + ASTRAY * decay * LENGTH * landings._axes(cast)[1]
+    return made_at(landings, cast, ASTRAY * landings._axes(cast)[1], "aim")
+
+
+def made_at(landings, cast, error, purpose):
+    """Return a polar cast that erred from where it was simulated [cable lengths]."""
+    xy = landings._simulated_xy(cast) + LENGTH * error
     track = EndpointTrack(times=np.zeros(1), endpoint_xy=xy[None], status=TrialStatus.OK)
-    return Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose="aim")
+    return Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose=purpose)
 
 
 def beside(landings, cast, error):
     """Return a polar cast that landed short of where it was simulated [cable lengths]."""
-    xy = landings._simulated_xy(cast) - error * LENGTH * landings._axes(cast)[0]
-    track = EndpointTrack(times=np.zeros(1), endpoint_xy=xy[None], status=TrialStatus.OK)
-    return Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose="pilot")
+    return made_at(landings, cast, -error * landings._axes(cast)[0], "pilot")
 
 
 def test_a_cast_is_aimed_so_that_it_is_expected_on_the_target(landings):
@@ -76,27 +78,52 @@ def test_one_cast_teaches_itself_and_its_neighbours(landings):
     assert corrected != cast
 
 
-def test_a_pilot_is_cast_once_and_again_at_other_paces_until_one_lays_the_cable_out(landings):
+def test_three_pilots_are_cast_and_none_after_another_cast(landings):
+    pilots, after = [], landings
+    while (pilot := after.pilot) is not None:
+        pilots.append(pilot)
+        after = after.with_casts([beside(landings, pilot, 0.5 * LAID_OUT)])
+    ahead, left, right = pilots
+    assert (ahead.azimuth, ahead.x) == (0.0, 0.0)
+    assert left == right.mirrored()
+    assert left.azimuth < 0.0 < left.x
+    assert {pilot.pace for pilot in pilots} == {PACES[0]}
+    other = landings.with_casts([beside(landings, landings.aimed_at(FAR), 0.01)])
+    assert other.pilot is None
+
+
+def test_pilots_tell_how_far_each_angle_of_a_pull_turns_the_cable_too_far(landings):
+    def turned(cast):
+        error = TURNING * landings._turn(cast) * landings._axes(cast)[1]
+        return made_at(landings, cast, error, "pilot")
+
+    after = landings
+    while (pilot := after.pilot) is not None:
+        after = after.with_casts([turned(pilot)])
+    target = polar_to_xy([0.9, -0.5])
+    real = turned(landings.aimed_at(target)).final_xy
+    before_miss, after_miss = (
+        np.linalg.norm(one.expectation(landings.aimed_at(target)).mean - real)
+        for one in (landings, after)
+    )
+    assert after_miss < 0.5 * before_miss
+
+
+def test_pilots_are_cast_at_other_paces_until_a_swing_lays_the_cable_out(landings):
     pilot = landings.pilot
-    assert (pilot.azimuth, pilot.x, pilot.pace) == (0.0, 0.0, PACES[0])
-    good = landings.with_casts([beside(landings, pilot, 0.5 * LAID_OUT)])
-    assert good.pilot is None
-    assert good.aimed_at(FAR).pace == PACES[0]
     # The first swing leaves the cable in a heap, the second lays it out.
     heap = landings.with_casts([beside(landings, pilot, 0.9)])
     second = heap.pilot
     assert second.pace == heap.aimed_at(FAR).pace == PACES[1]
     assert np.linalg.norm(heap.expectation(second).mean - landings._simulated_xy(second)) < 1e-9
     after = heap.with_casts([beside(heap, second, 0.5 * LAID_OUT)])
-    assert after.pilot is None
-    assert after.aimed_at(FAR).pace == PACES[1]
+    assert after.pilot.pace == after.aimed_at(FAR).pace == PACES[1]
 
 
 def test_where_no_swing_lays_the_cable_out_the_best_is_kept(landings):
     for error in (0.5, 0.3, 0.4):
         landings = landings.with_casts([beside(landings, landings.pilot, error)])
-    assert landings.pilot is None
-    assert landings.pace == PACES[1]
+    assert landings.pace == landings.pilot.pace == PACES[1]
 
 
 def test_a_cast_that_was_lost_is_not_made_again(landings):
@@ -122,7 +149,7 @@ def proposal_of(landings, scales):
 
 def test_a_polar_cast_is_proposed_where_sweeps_are_wild_and_no_other(landings):
     assert isinstance(proposal_of(None, WILD).action, Action)
-    assert isinstance(proposal_of(landings, ResidualScales(noise=0.005)).action, Action)
+    assert isinstance(proposal_of(landings, ResidualScales(amplitude=0.01, noise=0.005)).action, Action)
     proposal = proposal_of(landings, WILD)
     assert isinstance(proposal.action, PolarCast)
     assert proposal.inside_coverage

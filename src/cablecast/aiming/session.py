@@ -514,7 +514,7 @@ class AimSession(CastSession):
         return self._local[1]
 
     def pilot(self, rig: CheckedRig, progress: ProgressCallback = show) -> None:
-        """Make a polar cast at no goal, from which the others learn: all err alike.
+        """Make some polar casts at no goal, from which the others learn: all err alike.
 
         Where its swing leaves the cable in a heap, one with a slower swing follows. None is made
         after another polar cast, or where the settings make none.
