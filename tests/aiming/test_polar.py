@@ -7,7 +7,7 @@ import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
 import cablecast as cc
-from cablecast.aiming.polar import LAID_OUT, PACES, SCATTER, TURNING, PolarLandings
+from cablecast.aiming.polar import LAID_OUT, SCATTER, SWING_PACES, TURNING, PolarLandings
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
 from cablecast.aiming.residual import Experience, ResidualScales
@@ -87,7 +87,7 @@ def test_three_pilots_are_cast_and_none_after_another_cast(landings):
     assert (ahead.azimuth, ahead.x) == (0.0, 0.0)
     assert left == right.mirrored()
     assert left.azimuth < 0.0 < left.x
-    assert {pilot.pace for pilot in pilots} == {PACES[0]}
+    assert {pilot.pace for pilot in pilots} == {SWING_PACES[0]}
     other = landings.with_casts([beside(landings, landings.aimed_at(FAR), 0.01)])
     assert other.pilot is None
 
@@ -114,16 +114,16 @@ def test_pilots_are_cast_at_other_paces_until_a_swing_lays_the_cable_out(landing
     # The first swing leaves the cable in a heap, the second lays it out.
     heap = landings.with_casts([beside(landings, pilot, 0.9)])
     second = heap.pilot
-    assert second.pace == heap.aimed_at(FAR).pace == PACES[1]
+    assert second.pace == heap.aimed_at(FAR).pace == SWING_PACES[1]
     assert np.linalg.norm(heap.expectation(second).mean - landings._simulated_xy(second)) < 1e-9
     after = heap.with_casts([beside(heap, second, 0.5 * LAID_OUT)])
-    assert after.pilot.pace == after.aimed_at(FAR).pace == PACES[1]
+    assert after.pilot.pace == after.aimed_at(FAR).pace == SWING_PACES[1]
 
 
 def test_where_no_swing_lays_the_cable_out_the_best_is_kept(landings):
     for error in (0.5, 0.3, 0.4):
         landings = landings.with_casts([beside(landings, landings.pilot, error)])
-    assert landings.pace == landings.pilot.pace == PACES[1]
+    assert landings.pace == landings.pilot.pace == SWING_PACES[1]
 
 
 def test_a_cast_that_was_lost_is_not_made_again(landings):
@@ -149,7 +149,9 @@ def proposal_of(landings, scales):
 
 def test_a_polar_cast_is_proposed_where_sweeps_are_wild_and_no_other(landings):
     assert isinstance(proposal_of(None, WILD).action, Action)
-    assert isinstance(proposal_of(landings, ResidualScales(amplitude=0.01, noise=0.005)).action, Action)
+    assert isinstance(
+        proposal_of(landings, ResidualScales(amplitude=0.01, noise=0.005)).action, Action
+    )
     proposal = proposal_of(landings, WILD)
     assert isinstance(proposal.action, PolarCast)
     assert proposal.inside_coverage

@@ -45,7 +45,7 @@ SCALES = np.array([1.0, 0.8, 0.8])
 ASIDE = 0.75
 """Azimuth of the two pilots aside over the largest azimuth [-]."""
 
-PACES = (0.9, 0.8, 1.0)
+SWING_PACES = (0.9, 0.8, 1.0)
 """Paces of the swing in the order in which they are tried. In seven pairs of a laboratory and a
 cable, swings at 0.9 erred by 0.5 to 14 %; at 1.0 a light cable was left in a heap, and at 0.83 a
 stiff one after a short pull."""
@@ -118,7 +118,7 @@ class PolarLandings:
     def pace(self) -> float:
         """Pace of the casts: the first that lays the cable out, or the best of all."""
         typical = []
-        for pace in PACES:
+        for pace in SWING_PACES:
             offsets = [
                 np.linalg.norm(cast.final_xy - self._simulated_xy(action))
                 for cast, action in self._made
@@ -127,7 +127,7 @@ class PolarLandings:
             typical.append(float(np.median(offsets)) / self.setup.cable.length if offsets else 0.0)
             if typical[-1] < LAID_OUT:
                 return pace
-        return PACES[int(np.argmin(typical))]
+        return SWING_PACES[int(np.argmin(typical))]
 
     @property
     def pilot(self) -> PolarCast | None:

@@ -30,6 +30,7 @@ from cablecast.motion.casting import Action, cast_grip_paths
 from cablecast.motion.feasibility import check_actions
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.polar import PolarCast
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, Goal, Landing, MissLaw, shell_points
 
@@ -125,7 +126,8 @@ def propose(
     if predictor.polar is not None and (cast := predictor.polar.aimed_at(goal.value)) is not None:
         expected = predictor.polar.expectation(cast, laws.get(PolarCast.family))
         deviation = np.sqrt(0.5 * np.trace(expected.covariance)).reshape(1)
-        lost = lost_chance(cast.grip_path(setup), expected.mean[None], deviation, setup, sight)
+        path = plan_trajectory(cast, setup).grip_path
+        lost = lost_chance(path, expected.mean[None], deviation, setup, sight)
         expected = dataclasses.replace(expected, failure=float(lost[0]))
         proposal = planned(
             action=cast,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cablecast.aiming.polar import PACES as SWING_PACES
+from cablecast.aiming.polar import SWING_PACES
 from cablecast.conventions import Array, mirror_xy, polar_to_xy, stream, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
