@@ -59,7 +59,7 @@ _GIF_COLORS = 96
 _GIF_RATE_MAX = 50  # Browsers show a shorter frame of a GIF for a tenth of a second.
 _SWATCH = 20  # Height of the colours that the palette must hold [pixel].
 _SIZE_MAX = 3840
-_CAST_COUNT_MAX = 200
+CAST_COUNT_MAX = 200
 _SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
 _JOINT_RADIUS_MIN = 0.03  # Joints of thinner rods, those of the fingers, are not marked [m].
 _SHADOW = 60  # Darkness of shadows, of 255.
@@ -99,12 +99,16 @@ def write_film(
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise InputError(f"{path} ends in {kind!r}: a film ends in one of {', '.join(KINDS)}")
-    check_count("casts to film", len(shots), 1, _CAST_COUNT_MAX)
+    check_count("casts to film", len(shots), 1, CAST_COUNT_MAX)
     if kind == ".html":
         write_text(path, film_html(setup, shots, config, progress))
-        return
-    frames = film_frames(setup, shots, config, progress)
-    if kind == ".gif":
+    else:
+        write_frames(path, film_frames(setup, shots, config, progress), config)
+
+
+def write_frames(path: pathlib.Path, frames: Iterator[Image.Image], config: FilmConfig) -> None:
+    """Write pictures as a GIF or an MP4, by the ending of the path."""
+    if path.suffix.lower() == ".gif":
         check_count("frames_per_second of a GIF", config.frames_per_second, 1, _GIF_RATE_MAX)
         write_bytes(path, gif_bytes(frames, config))
     else:
@@ -113,10 +117,10 @@ def write_film(
         write_video(path, pictures, config.frames_per_second)
 
 
-def frame_times(shot: Shot, config: FilmConfig) -> np.ndarray:
-    """Return the times of the frames of a cast [s], with those of its rest, shape [frame]."""
+def frame_times(duration: float, config: FilmConfig) -> np.ndarray:
+    """Return the times of the frames of a cast that lasts some time [s], with those of its rest."""
     step = config.speed / config.frames_per_second
-    end = shot.cast.duration + config.speed * REST
+    end = duration + config.speed * REST
     return np.arange(0.0, end + 1e-9, step)
 
 
@@ -280,17 +284,24 @@ def film_frames(
 ) -> Iterator[Image.Image]:
     """Yield the pictures of a film; see `write_film`."""
     painter = Painter(setup, config.width, config.height)
-    for number, time in _instants(shots, config, progress):
+    for number, time in instants(_durations(shots), config, progress):
         shot = shots[number]
         same = [one for one in shots[:number] if _same_target(one, shot)]
         yield painter.frame(shot, time, same)
 
 
-def _instants(
-    shots: Sequence[Shot], config: FilmConfig, progress: ProgressCallback
+def _durations(shots: Sequence[Shot]) -> list[float]:
+    return [shot.cast.duration for shot in shots]
+
+
+def instants(
+    durations: Sequence[float], config: FilmConfig, progress: ProgressCallback
 ) -> Iterator[tuple[int, float]]:
-    """Yield the number of the shot and its time [s] for each frame, and report those done."""
-    times = [frame_times(shot, config) for shot in shots]
+    """Yield the number of the cast and its time [s] for each frame, and report those done.
+
+    `durations` are those of the casts [s].
+    """
+    times = [frame_times(duration, config) for duration in durations]
     total, done = sum(map(len, times)), 0
     for number, shot_times in enumerate(times):
         for time in shot_times:
@@ -349,7 +360,7 @@ def film_html(
         ghost = Figure(server, "/ghost", setup, PURPLE, opacity=0.5, with_arm=False)
         solid.show(shots[0].cast, 0.0)
         serializer = server.get_scene_serializer()
-        for number, time in _instants(shots, config, progress):
+        for number, time in instants(_durations(shots), config, progress):
             shot = shots[number]
             if time == 0.0:
                 ghost.visible = shot.other is not None

@@ -1,7 +1,7 @@
 """Films of strikes, from the side: the plane of the swing with arm, stick, cable and target."""
 
 import pathlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -10,18 +10,16 @@ from cablecast.cast import Cast
 from cablecast.data.dataset import StoredSettings
 from cablecast.data.store import CastStore
 from cablecast.errors import DatasetError, InputError, check_count
-from cablecast.files import write_bytes
 from cablecast.motion.joint_move import JointMoves, SwingPlane, swing_shape
 from cablecast.motion.trajectory import joints_at
 from cablecast.pipeline.aim import SESSION_FOLDER
 from cablecast.report.strike_page import plane_text
 from cablecast.runs.folder import RunFolder
-from cablecast.runs.progress import Progress, ProgressCallback, ignore
+from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.task import STRIKE
-from cablecast.view.film import REST, FilmConfig, gif_bytes
+from cablecast.view.film import CAST_COUNT_MAX, FilmConfig, instants, write_frames
 from cablecast.view.shapes import ARM, BLUE, GREY, INK, SKY, VERMILLION, WHITE, Array, Color
-from cablecast.vision.video import write_video
 
 _MARGIN = 0.15  # About arm, targets and paths [m].
 _SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
@@ -56,29 +54,13 @@ def write_strike_film(
     Raises:
         InputError: It is to be an HTML file, or there is nothing to film.
     """
-    check_count("swings to film", len(casts), 1, 200)
-    frames = _frames(casts, config, progress)
-    if path.suffix.lower() == ".gif":
-        write_bytes(path, gif_bytes(frames, config))
-    elif path.suffix.lower() == ".mp4":
-        pictures = (np.asarray(frame)[..., ::-1] for frame in frames)
-        write_video(path, pictures, config.frames_per_second)
-    else:
+    if path.suffix.lower() not in (".gif", ".mp4"):
         raise InputError("a film of strikes ends in .mp4 or .gif")
-
-
-def _frames(
-    casts: Sequence[Cast], config: FilmConfig, progress: ProgressCallback
-) -> Iterator[Image.Image]:
+    check_count("swings to film", len(casts), 1, CAST_COUNT_MAX)
     painter = _Painter(casts, config)
-    step = config.speed / config.frames_per_second
-    times = [np.arange(0.0, float(c.track.times[-1]) + config.speed * REST, step) for c in casts]
-    total, done = sum(map(len, times)), 0
-    for cast, instants in zip(casts, times, strict=True):
-        for time in instants.tolist():
-            yield painter.frame(cast, time)
-            done += 1
-            progress(Progress(task="Filming", done=done, total=total, unit="frames"))
+    durations = [float(cast.track.times[-1]) for cast in casts]
+    shown = instants(durations, config, progress)
+    write_frames(path, (painter.frame(casts[number], time) for number, time in shown), config)
 
 
 class _Painter:
