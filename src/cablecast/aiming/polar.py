@@ -223,7 +223,9 @@ class PolarLandings:
     def _covariances(self, first: Sequence[PolarCast], second: Sequence[PolarCast]) -> _Array:
         """Return the covariance of the errors on these axes, shape [2, first, second]."""
         points = [np.array([_point(cast) for cast in casts]) for casts in (first, second)]
-        turns = np.outer(*([self._turn(cast) for cast in casts] for casts in (first, second)))
+        turns = np.outer(
+            [self._turn(cast) for cast in first], [self._turn(cast) for cast in second]
+        )
         along, across = LEVELS[:, None, None] ** 2 + CHANGES[:, None, None] ** 2 * matern(*points)
         return np.stack([along, across + TURNING**2 * turns])
 
@@ -266,7 +268,8 @@ class PolarLandings:
     def _inverses(self) -> _Array:
         """Inverse covariance of these errors for each axis, shape [2, cast, cast]."""
         noise = SCATTER**2 * np.eye(len(self._own))
-        return np.linalg.inv(self._covariances(self._actions, self._actions) + noise)
+        covariances = self._covariances(self._actions, self._actions)
+        return np.array([np.linalg.inv(one + noise) for one in covariances])
 
 
 def _point(cast: PolarCast) -> _Array:
