@@ -51,7 +51,11 @@ cable, swings at 0.9 erred by 0.5 to 14 %; at 1.0 a light cable was left in a he
 stiff one after a short pull."""
 
 LAID_OUT = 0.08
-"""Error up to which a swing has laid the cable out [cable lengths]; else another pace is tried."""
+"""Distance of the free end from that of a straight cable, along it, up to which a swing has laid it
+out [cable lengths]; else another pace is tried."""
+
+HEAP = 0.2
+"""Error beyond which a cable lies in a heap, and says nothing of other casts [cable lengths]."""
 
 SCATTER = 0.008
 """Standard deviation of equal polar casts along each axis [cable lengths]: 0.1 to 0.6 % there, and
@@ -116,15 +120,18 @@ class PolarLandings:
 
     @functools.cached_property
     def pace(self) -> float:
-        """Pace of the casts: the first that lays the cable out, or the best of all."""
+        """Pace of the casts: the first that lays the cable out, or the best of all.
+
+        The simulator tells of those that were not tried.
+        """
         typical = []
         for pace in SWING_PACES:
-            offsets = [
-                np.linalg.norm(cast.final_xy - self._simulated_xy(action))
-                for cast, action in self._made
-                if action.pace == pace
-            ]
-            typical.append(float(np.median(offsets)) / self.setup.cable.length if offsets else 0.0)
+            made = [(cast, action) for cast, action in self._made if action.pace == pace]
+            folds = [self._folded(action, cast.final_xy) for cast, action in made]
+            ahead = self._ahead(pace)
+            typical.append(
+                float(np.median(folds or [self._folded(ahead, self._simulated_xy(ahead))]))
+            )
             if typical[-1] < LAID_OUT:
                 return pace
         return SWING_PACES[int(np.argmin(typical))]
@@ -148,11 +155,10 @@ class PolarLandings:
     def _pilots(self, pace: float) -> list[PolarCast]:
         """Return the pilots at a pace that the arm can follow."""
         back = self.reach.back
-        radius = 0.5 * float(back.landing_radius(0.0) + back.pulled_radius(0.0))
         azimuth, x = ASIDE * back.theta_max, 0.5 * ASIDE * self.reach.end_x_max
         found = []
         for pilot in (
-            PolarCast.back_to([0.0, radius], back, pace),
+            self._ahead(pace),
             PolarCast(-azimuth, x, back.grip_y_min, pace),
             PolarCast(azimuth, -x, back.grip_y_min, pace),
         ):
@@ -160,6 +166,12 @@ class PolarLandings:
                 plan_trajectory(pilot, self.setup)
                 found.append(pilot)
         return found
+
+    def _ahead(self, pace: float) -> PolarCast:
+        """Return the cast straight ahead with a middling pull."""
+        back = self.reach.back
+        radius = 0.5 * float(back.landing_radius(0.0) + back.pulled_radius(0.0))
+        return PolarCast.back_to([0.0, radius], back, pace)
 
     def aimed_at(self, target_xy: _Array) -> PolarCast | None:
         """Return the cast that is expected nearest to a target [m], shape [2].
@@ -172,6 +184,8 @@ class PolarLandings:
         with contextlib.suppress(CablecastError):
             for _ in range(_STEPS):
                 if (cast := self.reach.cast_to(aim_xy, self.pace)) is None:
+                    break
+                if self._folded(cast, self._simulated_xy(cast)) > LAID_OUT:
                     break
                 offset = target_xy - self.expectation(cast).mean
                 plan_trajectory(cast, self.setup)
@@ -248,8 +262,9 @@ class PolarLandings:
 
     @functools.cached_property
     def _own(self) -> list[tuple[Cast, PolarCast]]:
-        """Those of them at the pace of the next one: swings at another pace err otherwise."""
-        return [(cast, action) for cast, action in self._made if action.pace == self.pace]
+        """Those at the pace of the next one, as swings at another err otherwise, and no heaps."""
+        own = [(cast, action) for cast, action in self._made if action.pace == self.pace]
+        return [one for one in own if np.linalg.norm(self._error(*one)) < HEAP]
 
     @functools.cached_property
     def _actions(self) -> list[PolarCast]:
@@ -258,11 +273,17 @@ class PolarLandings:
     @functools.cached_property
     def _errors(self) -> _Array:
         """Errors of the simulator on the axes [cable lengths], shape [cast, 2]."""
-        rows = []
-        for cast, action in self._own:
-            offset = (cast.final_xy - self._simulated_xy(action)) / self.setup.cable.length
-            rows.append(self._axes(action) @ offset)
-        return np.reshape(rows, (-1, 2))
+        return np.reshape([self._error(*one) for one in self._own], (-1, 2))
+
+    def _folded(self, action: PolarCast, end_xy: _Array) -> float:
+        """Return how far an end is from that of a straight cable, along it [cable lengths]."""
+        offset = end_xy - self.reach.end_xy(action.to_array())
+        return float(abs(self._axes(action)[0] @ offset)) / self.setup.cable.length
+
+    def _error(self, cast: Cast, action: PolarCast) -> _Array:
+        """Return the error of the simulator on the axes of a cast [cable lengths], shape [2]."""
+        offset = cast.final_xy - self._simulated_xy(action)
+        return self._axes(action) @ offset / self.setup.cable.length
 
     @functools.cached_property
     def _inverses(self) -> _Array:
