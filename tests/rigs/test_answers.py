@@ -84,7 +84,7 @@ ATTACKS = {
     ),
     "a jump": (
         lambda t: changed(t, times=t.times / 50, endpoint_xy=put(t.endpoint_xy, 7, [-1.0, 0.5])),
-        "faster than 20 m/s",
+        "faster than 60 m/s",
     ),
     "milliseconds": (lambda t: changed(t, times=1e3 * t.times), "like milliseconds"),
     "microseconds": (lambda t: changed(t, times=1e6 * t.times), "like microseconds"),
