@@ -143,6 +143,12 @@ class EndpointTrack:
                 f"nodes have shape {nodes.shape}: {len(self.times)} times require [step, node, 3]"
             )
 
+    @classmethod
+    def unseen(cls, status: TrialStatus, note: str = "") -> "EndpointTrack":
+        """Return the track of a trial in which nothing was seen."""
+        nowhere = np.full((1, 2), np.nan)
+        return cls(times=np.zeros(1), endpoint_xy=nowhere, status=status, note=note)
+
     @property
     def path(self) -> NDArray[np.float64]:
         """Path of the endpoint [m], shape [step, 2], or [step, 3] in the air."""

@@ -128,9 +128,7 @@ def test_where_no_swing_lays_the_cable_out_the_best_is_kept(landings):
 
 def test_a_cast_that_was_lost_is_not_made_again(landings):
     cast = landings.aimed_at(FAR)
-    track = EndpointTrack(
-        times=np.zeros(1), endpoint_xy=np.full((1, 2), np.nan), status=TrialStatus.OCCLUDED
-    )
+    track = EndpointTrack.unseen(TrialStatus.OCCLUDED)
     lost = Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose="aim")
     after = landings.with_casts([lost])
     assert after.aimed_at(FAR) is None

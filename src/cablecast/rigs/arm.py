@@ -133,7 +133,7 @@ class RigArm(RigLifecycle):
             self.driver.set_phase(RigPhase.READOUT)
         except CastAbortedError as aborted:
             self.camera.cancel()
-            return _aborted(str(aborted))
+            return EndpointTrack.unseen(TrialStatus.ABORTED, str(aborted))
         except BaseException:
             self.camera.cancel()
             raise
@@ -142,9 +142,10 @@ class RigArm(RigLifecycle):
         lost = track.status is TrialStatus.OK and self._has_lost_cable()
         self.driver.set_phase(RigPhase.IDLE)
         if lost:
-            return _aborted(
+            return EndpointTrack.unseen(
+                TrialStatus.ABORTED,
                 "the camera sees no cable in the jaws: it slipped out in this cast. Grip it as "
-                "before"
+                "before",
             )
         return track
 
@@ -265,16 +266,6 @@ class RigArm(RigLifecycle):
         length = self.setup.cable.length
         ahead = place[1] - self.setup.workspace.reset_y
         return bool(abs(place[0]) < STRAIGHT_ASIDE * length and ahead > STRAIGHT_AHEAD * length)
-
-
-def _aborted(why: str) -> EndpointTrack:
-    """Return the track of a cast that must not become data."""
-    return EndpointTrack(
-        times=np.zeros(1),
-        endpoint_xy=np.full((1, 2), np.nan),
-        status=TrialStatus.ABORTED,
-        note=why,
-    )
 
 
 def curve_of(trajectory: Trajectory) -> JointCurve:

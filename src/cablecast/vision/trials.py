@@ -422,9 +422,7 @@ class ClockCamera(CameraOfTrials):
             shift = controller_shift(timing.clock_pairs)
             found = dataclasses.replace(found, offset=found.offset + shift)
         self.found = found
-        return EndpointTrack(
-            times=np.zeros(1), endpoint_xy=np.full((1, 2), np.nan), status=TrialStatus.ABORTED
-        )
+        return EndpointTrack.unseen(TrialStatus.ABORTED)
 
     def _fresh(self, count: int, after: float | None = None) -> list[Frame]:
         # The offset is not known yet: frames count by their arrival.

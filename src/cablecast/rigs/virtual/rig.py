@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack
-from cablecast.errors import check_count, check_seed
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.rigs.virtual._hidden import effect_strengths, hidden_camera
 from cablecast.rigs.virtual.config import LABORATORY_VERSION, CameraConfig, VirtualConfig
 from cablecast.rigs.virtual.laboratory import Laboratory
 from cablecast.rigs.virtual.sensing import RECORD_DT, Sensor, SensorCamera, SensorErrorModel
-from cablecast.rigs.virtual.trials import Trial
+from cablecast.rigs.virtual.trials import RigOfTrials, Trial
 from cablecast.setup import Setup
 
 if TYPE_CHECKING:
@@ -27,12 +25,12 @@ _SENSING_STREAM = 7
 """Keeps the chances of the camera apart from those of the trial."""
 
 
-class RigVirtual(RigLifecycle):
+class RigVirtual(RigOfTrials):
     """A robot, a table and a cable that exist in MuJoCo only.
 
-    The n-th trial of a purpose draws its own small differences from the seed, the purpose and n, so
-    that a rig made again with the same seed repeats the same sequence of trials. The table's
-    friction drifts on one clock for all purposes.
+    The n-th trial of a purpose draws its own small differences, so that a rig made again with the
+    same seed repeats the same sequence of trials. The table's friction drifts on one clock for all
+    purposes.
 
     Args:
         setup: Cable, workspace, arm and motion settings. The cable's parameters are what is
@@ -46,12 +44,9 @@ class RigVirtual(RigLifecycle):
     """
 
     def __init__(self, setup: Setup, seed: int = 0, config: VirtualConfig | None = None):
-        super().__init__()
+        super().__init__(seed)
         self.setup = setup
-        self.seed = check_seed(seed)
         self.config = VirtualConfig() if config is None else config
-        self._purpose = ""
-        self._trial_count = 0
         recorded, sample_dt = self.config, self.config.sample_dt
         self._sensor: Sensor | None = None
         if recorded.sensing == "error_model":
@@ -78,21 +73,6 @@ class RigVirtual(RigLifecycle):
             "workspace": settings["workspace"],
             "arm": settings["arm"],
         }
-
-    def seek(self, index: int, purpose: str = "") -> None:
-        """Let the next trial be the index-th of a purpose.
-
-        Trials of two purposes have nothing in common; those of an equal index and purpose are
-        equal, so that a collection that goes on after a stop draws what it would have drawn.
-
-        Raises:
-            InputError: The index is negative, or there is no such purpose.
-        """
-        self._check_open()
-        # Refuses what is no purpose.
-        purpose_seed(self.seed, purpose)
-        self._purpose = purpose
-        self._trial_count = check_count("trial index", index, 0)
 
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Play one motion from the reset state, and report where the endpoint went."""
@@ -140,7 +120,7 @@ class RigVirtual(RigLifecycle):
     def _run(
         self, trajectories: Sequence[Trajectory], progress: Callable[[int], None] | None
     ) -> list[EndpointTrack]:
-        first, seed = self._trial_count, purpose_seed(self.seed, self._purpose)
+        seed, first = self._next
         trials = [
             Trial.draw(self.config.noise, seed, index, self._lab.drift.factor(self._purpose, index))
             for index in range(first, first + len(trajectories))

@@ -24,10 +24,9 @@ from cablecast.cable import Attachment
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.conventions import Array
 from cablecast.engines.mujoco_ import quiet
-from cablecast.errors import MissingExtraError, RigError, check_count, check_seed
+from cablecast.errors import MissingExtraError, RigError
 from cablecast.motion.joint_move import JointMoves, SwingPlane, swing_shape
 from cablecast.motion.trajectory import JointPath, Trajectory
-from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.rigs.virtual._hidden import effect_strengths, hidden_arm, hidden_cable
 from cablecast.rigs.virtual._hidden_strike import (
     HiddenPlaneCamera,
@@ -37,7 +36,7 @@ from cablecast.rigs.virtual._hidden_strike import (
 )
 from cablecast.rigs.virtual.arm import move_arm
 from cablecast.rigs.virtual.config import TrialNoise
-from cablecast.rigs.virtual.trials import Trial
+from cablecast.rigs.virtual.trials import RigOfTrials, Trial
 from cablecast.setup import Setup
 
 LABORATORY_VERSION = 1
@@ -81,11 +80,8 @@ class StrikeLabConfig:
     exact: bool = False
 
 
-class RigStrike(RigLifecycle):
+class RigStrike(RigOfTrials):
     """An arm with a stick, a hanging cable and a camera, which exist in MuJoCo only.
-
-    The n-th swing of a purpose draws its small differences from the seed, the purpose and n, as
-    those of `RigVirtual` do.
 
     Args:
         setup: Set-up with a strike section. The cable's parameters are what is believed of it.
@@ -98,8 +94,8 @@ class RigStrike(RigLifecycle):
     """
 
     def __init__(self, setup: Setup, seed: int = 0, config: StrikeLabConfig | None = None):
-        super().__init__()
-        self.setup, self.seed = setup, check_seed(seed)
+        super().__init__(seed)
+        self.setup = setup
         self.config = StrikeLabConfig() if config is None else config
         self.moves = JointMoves.of(setup)
         self.plane = SwingPlane.of(self.moves)
@@ -108,7 +104,6 @@ class RigStrike(RigLifecycle):
         self._servos = hidden_arm(lab_seed, strengths)
         self._camera = hidden_plane_camera(lab_seed)
         self._world = _World(setup, self.moves, lab_seed)
-        self._purpose, self._count = "", 0
         # The calibration is that of the laboratory, the clocks that of a day.
         rng = np.random.default_rng([lab_seed, 23])
         self._scale = 1.0 + self._camera.scale * float(rng.normal())
@@ -125,13 +120,6 @@ class RigStrike(RigLifecycle):
             "arm": settings["arm"],
         }
 
-    def seek(self, index: int, purpose: str = "") -> None:
-        """Let the next swing be the index-th of a purpose; see `RigVirtual.seek`."""
-        self._check_open()
-        purpose_seed(self.seed, purpose)
-        self._purpose = purpose
-        self._count = check_count("trial index", index, 0)
-
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Swing once from rest, and report where the tip was seen until a contact."""
         self._use_reset()
@@ -139,10 +127,10 @@ class RigStrike(RigLifecycle):
             raise RigError("a swing needs the joints of a motion, and this one has none")
         strike = self.setup.strike
         assert strike is not None
-        seed = purpose_seed(self.seed, self._purpose)
-        trial = Trial.draw(self.config.arm, seed, self._count)
-        rng = np.random.default_rng([seed, self._count, 7])
-        self._count += 1
+        seed, index = self._next
+        trial = Trial.draw(self.config.arm, seed, index)
+        rng = np.random.default_rng([seed, index, 7])
+        self._trial_count += 1
         # The joints of a slow move are reported to its end, however long the tip is watched.
         steps = round(max(strike.watch_time, trajectory.duration + _TAIL) / DT)
         (arm,) = move_arm([trajectory], [trial], self.setup.arm, self._servos, DT, steps)
@@ -153,13 +141,8 @@ class RigStrike(RigLifecycle):
             nodes, is_broken = self._world.swing(watched, self.config.noise, rng)
         report = _reported(arm.joint_path, trajectory.duration + _TAIL)
         if is_broken:
-            return EndpointTrack(
-                times=np.zeros(1),
-                endpoint_xy=np.full((1, 2), np.nan),
-                endpoint_z=np.full(1, np.nan),
-                status=TrialStatus.NON_FINITE,
-                joint_path=report,
-            )
+            nothing = EndpointTrack.unseen(TrialStatus.NON_FINITE)
+            return dataclasses.replace(nothing, endpoint_z=np.full(1, np.nan), joint_path=report)
         times: Array = DT * RECORD_STEPS * np.arange(len(nodes), dtype=np.float64)
         shown = np.arange(len(nodes))
         tip = nodes[:, -1]

@@ -6,6 +6,8 @@ import numpy as np
 
 from cablecast.cable import Cable
 from cablecast.conventions import Array
+from cablecast.errors import check_count, check_seed
+from cablecast.rigs.base import RigLifecycle, purpose_seed
 from cablecast.rigs.checked import RETRY_STRIDE
 from cablecast.rigs.virtual._hidden import HiddenCable, HiddenTable
 from cablecast.rigs.virtual.config import TrialNoise
@@ -25,6 +27,42 @@ _RAMP_RATIO = 6.0
 _LIFT_LENGTH = 0.1
 # Beyond three standard deviations a person would repeat the reset.
 _SIGMA_MAX = 3.0
+
+
+class RigOfTrials(RigLifecycle):
+    """A rig whose n-th trial of a purpose draws from the seed, the purpose and n.
+
+    Trials of two purposes have nothing in common; those of an equal index and purpose are equal, so
+    that a collection that goes on after a stop draws what it would have drawn.
+
+    Args:
+        seed: Seed of what differs from trial to trial.
+
+    Raises:
+        InputError: The seed is out of bounds.
+    """
+
+    def __init__(self, seed: int):
+        super().__init__()
+        self.seed = check_seed(seed)
+        self._purpose, self._trial_count = "", 0
+
+    def seek(self, index: int, purpose: str = "") -> None:
+        """Let the next trial be the index-th of a purpose.
+
+        Raises:
+            InputError: The index is negative, or there is no such purpose.
+        """
+        self._check_open()
+        # Refuses what is no purpose.
+        purpose_seed(self.seed, purpose)
+        self._purpose = purpose
+        self._trial_count = check_count("trial index", index, 0)
+
+    @property
+    def _next(self) -> tuple[int, int]:
+        """Seed of the purpose, and index of the next trial."""
+        return purpose_seed(self.seed, self._purpose), self._trial_count
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
