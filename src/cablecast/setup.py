@@ -285,6 +285,17 @@ class Setup:
             values[STRIKE_SECTION] = self.strike.to_dict()
         return values
 
+    @property
+    def strike_section(self) -> StrikeConfig:
+        """Stick and joint moves.
+
+        Raises:
+            InputError: The set-up has no strike section.
+        """
+        if self.strike is None:
+            raise InputError("the lab file has no strike section: a swing in the air needs one")
+        return self.strike
+
     def to_settings(self) -> dict[str, Any]:
         """Return the plain values that affect results.
 

@@ -203,7 +203,7 @@ class StrikeAim:
         """Return the next move in unit coordinates, shape [parameter]."""
         if not self.tries:
             if self.cable is not None:
-                return self._search()
+                return self._search([self.cable])
             self.expected = float(self._first.min())
             return self.prior.units[np.argmin(self._first)]
         best = min(self.tries, key=lambda one: one.miss)
@@ -211,12 +211,13 @@ class StrikeAim:
             self.expected = best.miss
             return best.unit
         if self.cable is not None:
-            return self._search()
+            return self._search([self.cable])
         if not self.fits:
             return self._search_prior()
-        if self.posterior is None or best.miss > REFIT or not self.corrects:
-            self._fit()
-        return self._search()
+        posterior = self.posterior
+        if posterior is None or best.miss > REFIT or not self.corrects:
+            posterior = self._fit()
+        return self._search(posterior.draw(LIKELY_COUNT, self._rng))
 
     def observe(self, unit: ArrayLike, tip: Array) -> float:
         """Take note of a try, and return its miss [m]; arguments are those of `StrikeTry`."""
@@ -251,12 +252,12 @@ class StrikeAim:
             tips[np.arange(tips.shape[1]) >= first[:, None]] = np.nan
         return STRIKE.outcome_at(tips, self.goal)
 
-    def _fit(self) -> None:
-        """Fit the cable to the best tries."""
+    def _fit(self) -> TipPosterior:
+        """Fit the cable to the best tries, and return what they tell."""
         chosen = sorted(self.tries, key=lambda one: one.miss)[:SWING_COUNT]
         known = None if self.posterior is None else self.posterior.points
         again = known is not None
-        self.posterior = fit_tips(
+        self.posterior = found = fit_tips(
             self.model,
             self.prior.belief,
             [TipSwing(unit=one.unit, tip=one.tip, timed=self.timed).relevant for one in chosen],
@@ -265,14 +266,10 @@ class StrikeAim:
             start_count=3 if again else 6,
             seed=len(self.tries),
         )
+        return found
 
-    def _search(self) -> Array:
+    def _search(self, likely: Sequence[Cable]) -> Array:
         """Return the move with the least mean miss, as the engine tells it with likely cables."""
-        if self.cable is not None:
-            likely = [self.cable]
-        else:
-            assert self.posterior is not None
-            likely = self.posterior.draw(LIKELY_COUNT, self._rng)
         best, duration, size = likely[0], self.model.duration, self.prior.units.shape[1]
         tried = sorted(self.tries, key=lambda one: one.miss)[:1]
         near = np.array([one.unit for one in tried]).reshape(-1, size)

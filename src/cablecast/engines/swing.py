@@ -12,6 +12,7 @@ from cablecast.conventions import Array
 from cablecast.engines.base import CableRows, CableState
 from cablecast.engines.contact import first_contact
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.joint_move import (
     KNOT_DT,
@@ -75,7 +76,8 @@ class Swings:
 
         Cables are thicker by a margin [m], one or shape [world].
         """
-        assert self.nodes is not None
+        if self.nodes is None:
+            raise InputError("contacts need the shapes of the cables: play swings with nodes=True")
         moves = np.minimum(worlds, len(self.motion.end) - 1)
         shape = self.motion.shape
         radius = np.broadcast_to(self.radius, len(self.tip))[worlds] + np.asarray(margin)
@@ -146,9 +148,8 @@ def swing_model(setup: Setup, segment_count: int = 24) -> SwingModel:
         InputError: There is no such section.
     """
     moves = JointMoves.of(setup)
-    assert setup.strike is not None
     engine = EngineWarp(segment_count=segment_count, dt=1e-3, table=False)
-    return SwingModel(moves=moves, engine=engine, duration=setup.strike.watch_time)
+    return SwingModel(moves=moves, engine=engine, duration=setup.strike_section.watch_time)
 
 
 def _meetings(shape: ArmShape, names: tuple[str, ...]) -> NDArray[np.int_]:

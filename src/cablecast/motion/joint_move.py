@@ -104,9 +104,7 @@ class JointMoves:
         Raises:
             InputError: The set-up has no strike section.
         """
-        strike = setup.strike
-        if strike is None:
-            raise InputError("the lab file has no strike section: a swing in the air needs one")
+        strike = setup.strike_section
         low, high = np.radians(np.array(strike.turns_deg, dtype=float).T).tolist()
         return cls(
             arm=setup.arm,

@@ -81,9 +81,8 @@ def strike_map(tries: Sequence[Sequence[Cast]], setup: Setup) -> "Figure":
 
 
 def _draw_target(axes: "Axes", casts: Sequence[Cast], setup: Setup, plane: SwingPlane) -> None:
-    goal = casts[0].goal
-    assert goal is not None
-    u, v, _ = plane.coordinates(goal.value)
+    target = casts[0].target_xy
+    u, v, _ = plane.coordinates(target)
     for cast in casts:
         last = cast is casts[-1]
         path = plane.coordinates(cast.track.path)
@@ -95,7 +94,7 @@ def _draw_target(axes: "Axes", casts: Sequence[Cast], setup: Setup, plane: Swing
     cast = casts[-1]
     if cast.joint_path is not None and np.isfinite(cast.outcome).all():
         moves = JointMoves.of(setup)
-        step = int(np.nanargmin(np.linalg.norm(cast.track.path - goal.value, axis=1)))
+        step = int(np.nanargmin(np.linalg.norm(cast.track.path - target, axis=1)))
         when = float(cast.track.times[step])
         joints = cast.track.joint_path or cast.joint_path
         shape = swing_shape(joints_at(joints, [when])[0], moves.arm, moves.stick)
@@ -104,7 +103,7 @@ def _draw_target(axes: "Axes", casts: Sequence[Cast], setup: Setup, plane: Swing
         if cast.track.nodes is not None:
             axes.plot(*plane.coordinates(cast.track.nodes[step])[:, :2].T, color=INK, linewidth=1)
     axes.plot(u, v, "o", color="none", markeredgecolor=INK, markersize=8, zorder=5)
-    axes.set(aspect="equal", title=plane_text(goal.value, plane))
+    axes.set(aspect="equal", title=plane_text(target, plane))
     axes.set_xlabel("ahead of the base [m]", fontsize=8)
     axes.set_ylabel("height [m]", fontsize=8)
     draw_grid(axes)
@@ -123,21 +122,19 @@ def strike_page(
     """
     plane = SwingPlane.of(JointMoves.of(setup))
     length = setup.cable.length
-    rows = []
-    for casts in tries:
-        for cast in casts:
-            proposal = cast.proposal
-            assert proposal is not None
-            rows.append(
-                (
-                    plane_text(proposal.goal.value, plane),
-                    str(cast.try_number),
-                    str(cast.action),
-                    f"{100 * proposal.hit_chance:.0f} %",
-                    f"{cast.miss_pct * length:.1f} cm",
-                    "hit" if cast.hit else "missed",
-                )
-            )
+    rows = [
+        (
+            plane_text(cast.target_xy, plane),
+            str(cast.try_number),
+            str(cast.action),
+            f"{100 * cast.proposal.hit_chance:.0f} %",
+            f"{cast.miss_pct * length:.1f} cm",
+            "hit" if cast.hit else "missed",
+        )
+        for casts in tries
+        for cast in casts
+        if cast.proposal is not None
+    ]
     return render_template(
         "strike.html",
         cable=setup.cable,

@@ -113,9 +113,7 @@ class RigSwingArm(RigArm):
         check_swing(curve, self.setup, what)
 
     def _after(self, curve: JointCurve) -> float:
-        strike = self.setup.strike
-        watched = 0.0 if strike is None else strike.watch_time - curve.duration
-        return max(watched, 0.5)
+        return max(self.setup.strike_section.watch_time - curve.duration, 0.5)
 
     def _has_lost_cable(self) -> bool:
         """Return False: a cable is tied to a stick, and a camera that loses it says so."""

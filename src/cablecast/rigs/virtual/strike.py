@@ -123,10 +123,7 @@ class RigStrike(RigOfTrials):
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Swing once from rest, and report where the tip was seen until a contact."""
         self._use_reset()
-        if trajectory.joint_path is None:
-            raise RigError("a swing needs the joints of a motion, and this one has none")
-        strike = self.setup.strike
-        assert strike is not None
+        strike = self.setup.strike_section
         seed, index = self._next
         trial = Trial.draw(self.config.arm, seed, index)
         rng = np.random.default_rng([seed, index, 7])
@@ -134,8 +131,8 @@ class RigStrike(RigOfTrials):
         # The joints of a slow move are reported to its end, however long the tip is watched.
         steps = round(max(strike.watch_time, trajectory.duration + _TAIL) / DT)
         (arm,) = move_arm([trajectory], [trial], self.setup.arm, self._servos, DT, steps)
-        assert arm.q is not None
-        assert arm.joint_path is not None
+        if arm.q is None or arm.joint_path is None:
+            raise RigError("a swing needs the joints of a motion, and this one has none")
         with quiet():
             watched = arm.q[: round(strike.watch_time / DT) + 1]
             nodes, is_broken = self._world.swing(watched, self.config.noise, rng)
@@ -299,8 +296,7 @@ class _World:
         """Return the model at the start of all swings."""
         mujoco, setup, moves = self._mujoco, self.setup, self.moves
         truth, swing, cable = self._truth, self._swing, setup.cable
-        strike = setup.strike
-        assert strike is not None
+        floor = setup.strike_section.floor
         start = np.array(moves.start)
         frames = moves.arm.frames(start)
         shape = swing_shape(start, moves.arm, moves.stick)
@@ -312,7 +308,7 @@ class _World:
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_PLANE,
             size=[10.0, 10.0, 0.1],
-            pos=[0.0, 0.0, strike.floor],
+            pos=[0.0, 0.0, floor],
             contype=_FLOOR,
             conaffinity=0,
         )
