@@ -92,9 +92,9 @@ def test_bends_that_stay_in_a_cable_are_found(cable, truth, tracks):
     assert miss(result) < 0.8 * miss(fit(cable, bent, PLAIN))
 
 
-def test_the_arm_of_an_attachment_is_found(cable, truth, tracks):
+def test_the_arm_of_an_attachment_is_found(cable, truth, good):
     arm = 2.0 / 3.0 * cable.attachment_length
-    body = tracks_of(cable, truth, tracks, attachment_arm=arm)
+    body = tracks_of(cable, truth, good, attachment_arm=arm)
     result = fit(cable, body, finding("attachment_arm"))
     assert result.params.attachment_arm == pytest.approx(arm, rel=0.3)
     assert miss(result) < 0.8 * miss(fit(cable, body, PLAIN))
