@@ -38,6 +38,7 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.pipeline.export import export_cable
 from cablecast.tuning.tracks import MeasuredTracks, TrackDistances, TrackObjective
 from cablecast.tuning.tuned import Tuned
+from cablecast.workspace import Workspace
 
 BROKEN_DISTANCE = 10.0
 """Distance of the free end from the base [m] beyond which a cast has broken."""
@@ -109,8 +110,9 @@ class Replay(abc.ABC):
         initial_state: CableState,
         duration: float,
         sample_dt: float,
+        edges: Workspace | None = None,
     ) -> Rollout:
-        """Play casts; see `Engine.rollout`."""
+        """Play casts on an endless table; see `Engine.rollout`."""
         steps = max(1, round(sample_dt / self.dt))
         count = 1 + int(np.ceil(duration / (steps * self.dt) - 1e-9))
         track = np.full((len(grip_path), count, 3), np.nan)

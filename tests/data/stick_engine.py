@@ -46,6 +46,7 @@ class StickEngine:
         sample_dt=0.1,
         *,
         far_path=None,
+        edges=None,
         record_nodes=False,
     ):
         self.batches.append(len(grip_path))

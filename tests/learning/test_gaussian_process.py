@@ -230,13 +230,13 @@ def test_held_out_casts_are_measured_and_not_learned_from(dataset, fitted_model)
     # All training rows are inducing ones.
     points = fitted_model.normalize(dataset.actions).astype(float) / fitted_model.length_scales
     kept = (points[:, None] == fitted_model.inputs[None]).all(axis=2).any(axis=1)
-    assert kept.sum() == fitted_model.metrics["training_count"] == 540
-    held_out = ~kept
+    assert kept.sum() == fitted_model.metrics["training_count"]
+    held_out = ~kept & (dataset.status == "ok")
     error = np.linalg.norm(
         fitted_model.predict(dataset.actions[held_out]) - dataset.rest_xy[held_out], axis=1
     )
     pct = error / CABLE.length * 100
-    assert fitted_model.metrics["held_out_count"] == 60
+    assert fitted_model.metrics["held_out_count"] == held_out.sum()
     assert fitted_model.metrics["held_out_median_pct"] == pytest.approx(
         np.median(pct), abs=BATCH_PCT
     )
@@ -261,7 +261,7 @@ def test_an_action_set_without_psi_can_be_learned():
 
 
 def test_too_few_casts_are_refused():
-    with pytest.raises(InputError, match="49 of 49 rows have a known endpoint: training needs 50"):
+    with pytest.raises(InputError, match="37 of 49 rows have a known end on the table"):
         train_gaussian_process(smooth_dataset(count=49))
 
 

@@ -86,6 +86,7 @@ def test_a_feature_that_never_varies_is_not_divided_by_zero():
 
 def test_only_rows_with_a_finite_endpoint_are_learned_from():
     dataset = smooth_dataset(count=MIN_ROWS + 2)
+    dataset = dataclasses.replace(dataset, status=np.full(MIN_ROWS + 2, "ok"))
     endpoints = dataset.rest_xy.copy()
     endpoints[3, 1] = np.nan
     rows = known_endpoint_rows(dataclasses.replace(dataset, rest_xy=endpoints))

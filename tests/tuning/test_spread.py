@@ -64,7 +64,7 @@ def test_the_same_seed_gives_the_same_actions_and_another_one_others(actions, en
 
 
 def test_a_cable_that_lands_at_one_place_cannot_be_spread():
-    def rollout(cable, paths, sample_dt):
+    def rollout(cable, paths, sample_dt, edges):
         xy = np.tile([0.1, 0.9], (len(paths), 3, 1))
         return types.SimpleNamespace(endpoint_xy=xy)
 
