@@ -24,7 +24,7 @@ TINY = Budget(
     generations=2,
     repeat_actions=2,
     repeat_casts=2,
-    casts=60,
+    casts=100,
     epochs=2,
     candidates=200,
     repeats=1,
@@ -98,8 +98,8 @@ def test_another_budget_in_the_same_folder_is_refused(tmp_path):
         reproduce(tmp_path, budget=TINY, rig="engine", progress=stop)
     (tmp_path / "cable_1").mkdir()
     (tmp_path / "cable_1/result").write_text("")
-    other = dataclasses.replace(TINY, casts=61)
-    with pytest.raises(ValueError, match=r"budget\.casts is 60 there and 61 here"):
+    other = dataclasses.replace(TINY, casts=101)
+    with pytest.raises(ValueError, match=r"budget\.casts is 100 there and 101 here"):
         reproduce(tmp_path, budget=other, rig="engine")
 
 
