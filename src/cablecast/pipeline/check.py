@@ -90,10 +90,10 @@ class Outlook:
         )
 
 
-CALM = Outlook(count=153, hit=(0.542, 0.902, 0.935, 0.961), floor=0.0022)
+CALM = Outlook(count=109, hit=(0.670, 0.899, 0.945, 0.972), floor=0.0020)
 """Outlook for targets that a slow or a polar cast reaches."""
 
-WILD = Outlook(count=45, hit=(0.111, 0.489, 0.578, 0.711), floor=0.0195)
+WILD = Outlook(count=26, hit=(0.115, 0.385, 0.615, 0.692), floor=0.0132)
 """Outlook for targets that only fast casts reach."""
 
 
