@@ -131,7 +131,8 @@ def known_endpoint_rows(dataset: Dataset, task: Task = LANDING) -> NDArray[np.in
     rows = np.flatnonzero(is_known & (dataset.status != TrialStatus.OFF_TABLE.code))
     if len(rows) < MIN_ROWS:
         raise InputError(
-            f"{len(rows)} of {len(dataset)} rows have a known end on the table: training needs {MIN_ROWS}"
+            f"{len(rows)} of {len(dataset)} rows have a known end on the table: training needs "
+            f"{MIN_ROWS}"
         )
     return rows
 
