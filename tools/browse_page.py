@@ -47,7 +47,7 @@ PICTURED = (-0.5, 0.85)
 COLORS = 256
 """Colours of a picture."""
 
-PATIENCE = 90_000
+PATIENCE = 240_000
 """Longest wait for anything on the page [ms]: a busy machine draws slowly."""
 
 
