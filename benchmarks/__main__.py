@@ -94,6 +94,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "light": ("light", 0.5),
     "irp": ("irp --goals 12", 0.7),
     "arrival": ("arrival", 0.05),
+    "strike": ("strike --targets 34", 1.0),
     "irp-rows": ("irp --rows image noise fit prior impulse --goals 1 --tries 6", 0.3),
 }
 """Command and expected hours on two cores of each run that a page quotes, in order of worth."""
