@@ -14,9 +14,9 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cablecast.cast import Cast
+from cablecast.conventions import Array
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import CablecastError, InputError
@@ -69,8 +69,6 @@ _SAME = 0.05
 # Errors that the belief about their size is worth.
 _BELIEVED = 4.0
 
-_Array = NDArray[np.float64]
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class PolarLandings:
@@ -91,7 +89,7 @@ class PolarLandings:
     reach: PullReach
     casts: tuple[Cast, ...] = ()
     lost: tuple[PolarCast, ...] = ()
-    _known: dict[PolarCast, _Array] = dataclasses.field(default_factory=dict, repr=False)
+    _known: dict[PolarCast, Array] = dataclasses.field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, ensemble: Tuned | None, task: Task = LANDING) -> "PolarLandings | None":
@@ -173,7 +171,7 @@ class PolarLandings:
         radius = 0.5 * float(back.landing_radius(0.0) + back.pulled_radius(0.0))
         return PolarCast.back_to([0.0, radius], back, pace)
 
-    def aimed_at(self, target_xy: _Array) -> PolarCast | None:
+    def aimed_at(self, target_xy: Array) -> PolarCast | None:
         """Return the cast that is expected nearest to a target [m], shape [2].
 
         None for a target beyond the reach, where the arm cannot follow, and where a cast like it
@@ -220,7 +218,7 @@ class PolarLandings:
             mean=mean, covariance=covariance, law=law or MissLaw(), scatter=SCATTER * length
         )
 
-    def _simulated_xy(self, cast: PolarCast) -> _Array:
+    def _simulated_xy(self, cast: PolarCast) -> Array:
         """Return where a cast lands in the simulator [m], shape [2]."""
         if cast not in self._known:
             path = self.dynamics.follow(cast.grip_path(self.setup), self.setup)
@@ -228,13 +226,13 @@ class PolarLandings:
             self._known[cast] = rollout.endpoint_xy[0, -1]
         return self._known[cast]
 
-    def _axes(self, cast: PolarCast) -> _Array:
+    def _axes(self, cast: PolarCast) -> Array:
         """Return the unit vectors along the resting cable and across it, to its right, [2, 2]."""
         offset = self.reach.end_xy(cast.to_array()) - np.array([cast.x, cast.y])
         along = offset / self.setup.cable.length
         return np.stack([along, np.array([along[1], -along[0]])])
 
-    def _covariances(self, first: Sequence[PolarCast], second: Sequence[PolarCast]) -> _Array:
+    def _covariances(self, first: Sequence[PolarCast], second: Sequence[PolarCast]) -> Array:
         """Return the covariance of the errors on these axes, shape [2, first, second]."""
         points = [np.array([_point(cast) for cast in casts]) for casts in (first, second)]
         turns = np.outer(
@@ -271,28 +269,28 @@ class PolarLandings:
         return [action for _, action in self._own]
 
     @functools.cached_property
-    def _errors(self) -> _Array:
+    def _errors(self) -> Array:
         """Errors of the simulator on the axes [cable lengths], shape [cast, 2]."""
         return np.reshape([self._error(*one) for one in self._own], (-1, 2))
 
-    def _folded(self, action: PolarCast, end_xy: _Array) -> float:
+    def _folded(self, action: PolarCast, end_xy: Array) -> float:
         """Return how far an end is from that of a straight cable, along it [cable lengths]."""
         offset = end_xy - self.reach.end_xy(action.to_array())
         return float(abs(self._axes(action)[0] @ offset)) / self.setup.cable.length
 
-    def _error(self, cast: Cast, action: PolarCast) -> _Array:
+    def _error(self, cast: Cast, action: PolarCast) -> Array:
         """Return the error of the simulator on the axes of a cast [cable lengths], shape [2]."""
         offset = cast.final_xy - self._simulated_xy(action)
         return self._axes(action) @ offset / self.setup.cable.length
 
     @functools.cached_property
-    def _inverses(self) -> _Array:
+    def _inverses(self) -> Array:
         """Inverse covariance of these errors for each axis, shape [2, cast, cast]."""
         noise = SCATTER**2 * np.eye(len(self._own))
         covariances = self._covariances(self._actions, self._actions)
         return np.array([np.linalg.inv(one + noise) for one in covariances])
 
 
-def _point(cast: PolarCast) -> _Array:
+def _point(cast: PolarCast) -> Array:
     """Return the parameters of a cast that the errors change with over their scales, [3]."""
     return cast.to_array()[:3] / SCALES

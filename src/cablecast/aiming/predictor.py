@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.aiming.polar import PolarLandings
 from cablecast.aiming.residual import ArrayRows, Experience, LocalSize, Places, ResidualScales
 from cablecast.cast import Cast
+from cablecast.conventions import Array
 from cablecast.errors import InputError
 from cablecast.learning.landing import LandingModel, deviations
 from cablecast.learning.policy import ForwardSearchPolicy
@@ -46,8 +47,6 @@ _SIZE_COUNT = 400
 # Share of the scatter that lies along the shifts of the landing with the action, the rest is round.
 _ALONG = 0.5
 
-_Array = NDArray[np.float64]
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Candidates(ArrayRows):
@@ -66,15 +65,15 @@ class Candidates(ArrayRows):
             [action]; without an ensemble, estimated from the sensitivity to the action.
     """
 
-    actions: _Array
-    side: _Array
-    shifts: _Array
-    leaving: _Array
-    log_sizes: _Array
-    frictions: _Array
+    actions: Array
+    side: Array
+    shifts: Array
+    leaving: Array
+    log_sizes: Array
+    frictions: Array
 
     @classmethod
-    def unsimulated(cls, actions: _Array, side: _Array, sensitivity: _Array) -> "Candidates":
+    def unsimulated(cls, actions: Array, side: Array, sensitivity: Array) -> "Candidates":
         """Return candidates that no ensemble has simulated.
 
         `sensitivity` is that to the action over the typical one [-], shape [action].
@@ -88,14 +87,14 @@ class Candidates(ArrayRows):
             frictions=TYPICAL_FRICTION * sensitivity**2,
         )
 
-    def at(self, actions: _Array) -> "Candidates":
+    def at(self, actions: Array) -> "Candidates":
         """Return actions near these, with the same estimates."""
         return dataclasses.replace(self, actions=actions)
 
     def towards(self, others: "Candidates", part: float) -> "Candidates":
         """Return candidates at a part of the way from each of these to its counterpart."""
 
-        def between(name: str) -> _Array:
+        def between(name: str) -> Array:
             start = getattr(self, name)
             return start + part * (getattr(others, name) - start)
 
@@ -103,7 +102,7 @@ class Candidates(ArrayRows):
         return Candidates(side=self.side, **{name: between(name) for name in names})
 
 
-def log_scatters(sensitivities: _Array, frictions: _Array) -> _Array:
+def log_scatters(sensitivities: Array, frictions: Array) -> Array:
     """Return the logarithm of the scatter of equal casts over a typical cast's, shape [action].
 
     Small differences from cast to cast move a landing as a change of the action does, and as a
@@ -199,7 +198,7 @@ class Beliefs:
         return self.policy.setup.cable.length
 
     @functools.cached_property
-    def changes(self) -> _Array:
+    def changes(self) -> Array:
         """Changes of an action that sensitivities are measured with, shape [change, 4]."""
         return deviations(self.policy.actions)
 
@@ -208,15 +207,15 @@ class Beliefs:
         """Sensitivity of a typical landing to these changes [m]."""
         return DELICATE * self.length
 
-    def sensitivities(self, actions: _Array) -> _Array:
+    def sensitivities(self, actions: Array) -> Array:
         """Return sensitivities to actions to the right over the typical one, shape [action]."""
         return self.model.sensitivity(actions, self.changes) / self.typical_sensitivity
 
-    def simulated_xy(self, candidates: Candidates) -> _Array:
+    def simulated_xy(self, candidates: Candidates) -> Array:
         """Return the simulated landings of candidates to the right [m], shape [action, k]."""
         return self.model.predict(candidates.actions) + self.length * candidates.shifts
 
-    def places(self, candidates: Candidates, simulated_xy: _Array, sensitivity: _Array) -> Places:
+    def places(self, candidates: Candidates, simulated_xy: Array, sensitivity: Array) -> Places:
         """Return the places of candidates for the residuals of real casts.
 
         The ensemble may trust one of two actions more that land at one place. The size is the
@@ -240,7 +239,7 @@ class Beliefs:
         )
 
     @functools.cached_property
-    def policy_candidates(self) -> tuple[Candidates, _Array, Places]:
+    def policy_candidates(self) -> tuple[Candidates, Array, Places]:
         """The policy's candidates, their simulated landings to the right [m], and their places."""
         actions, side = mirror_to_right(self.policy.actions)
         sensitivity = self.policy.sensitivity / self.typical_sensitivity
@@ -334,7 +333,7 @@ class LandingPredictor:
             compared=(*self.compared, *compared.tolist()),
         )
 
-    def near(self, target_xy: _Array, tracks: MeasuredTracks) -> "LandingPredictor":
+    def near(self, target_xy: Array, tracks: MeasuredTracks) -> "LandingPredictor":
         """Return a predictor for one goal whose simulators take a step towards some casts.
 
         Simulators that follow the casts near a target predict better what a small change of these
@@ -364,7 +363,7 @@ class LandingPredictor:
         )
         return dataclasses.replace(found, polar=self.polar)
 
-    def _rows_near(self, target_xy: _Array) -> NDArray[np.int_]:
+    def _rows_near(self, target_xy: Array) -> NDArray[np.int_]:
         """Return the rows of the casts that tell most of a target, in ascending order.
 
         A cast is near if it was aimed there or landed there, and of two that are equally near the
@@ -379,7 +378,7 @@ class LandingPredictor:
         far = np.fmin(*(np.linalg.norm((x - target_xy) / units, axis=1) for x in (ends, goals)))
         return np.sort(np.lexsort((-np.arange(len(far)), far))[:_NEAR_COUNT])
 
-    def evaluate(self, actions: _Array, side: _Array) -> Candidates:
+    def evaluate(self, actions: Array, side: Array) -> Candidates:
         """Return candidates with what the ensemble says of them, if there is one."""
         if self.ensemble is None:
             return Candidates.unsimulated(actions, side, self.beliefs.sensitivities(actions))
@@ -394,7 +393,7 @@ class LandingPredictor:
             frictions=found.frictions,
         )
 
-    def expected(self, candidates: Candidates) -> tuple[Places, _Array, _Array]:
+    def expected(self, candidates: Candidates) -> tuple[Places, Array, Array]:
         """Return places, expected landings to the right [m], [action, k], and their variance.
 
         The variance is that along each axis without the scatter [square cable lengths], [action].
@@ -403,13 +402,13 @@ class LandingPredictor:
         mean, variance = self.experience.residual.predict(places)
         return places, simulated_xy + self.beliefs.length * mean, variance
 
-    def landings(self, candidates: Candidates, sensitivity: _Array) -> _Array:
+    def landings(self, candidates: Candidates, sensitivity: Array) -> Array:
         """Return the expected landings of candidates of a sensitivity, to the right [m]."""
         simulated_xy = self.beliefs.simulated_xy(candidates)
         places = self.beliefs.places(candidates, simulated_xy, sensitivity)
         return simulated_xy + self.beliefs.length * self.experience.residual.means(places)
 
-    def moved(self, cast: Cast) -> tuple[_Array, float]:
+    def moved(self, cast: Cast) -> tuple[Array, float]:
         """Return the outcome that is expected of the motion of a cast, and its scatter [m].
 
         Raises:
@@ -421,7 +420,7 @@ class LandingPredictor:
         xy, _, scatter = self.predict(cast.sweep)
         return xy[0], float(scatter[0])
 
-    def predict(self, actions: ArrayLike) -> tuple[_Array, _Array, _Array]:
+    def predict(self, actions: ArrayLike) -> tuple[Array, Array, Array]:
         """Predict the outcomes of actions on either side, shape [action, 5].
 
         Returns:
@@ -449,7 +448,7 @@ class LandingPredictor:
         covariance *= factor[:, :, None] * factor[:, None, :]
         return factor * landing_xy, covariance, length * np.sqrt(scatter)
 
-    def _located(self, candidates: Candidates) -> tuple[Places, _Array]:
+    def _located(self, candidates: Candidates) -> tuple[Places, Array]:
         """Return the places of candidates and their simulated landings to the right [m]."""
         simulated_xy = self.beliefs.simulated_xy(candidates)
         sensitivity = self.beliefs.sensitivities(candidates.actions)

@@ -22,6 +22,7 @@ from cablecast.aiming.predictor import Candidates, LandingPredictor
 from cablecast.arm.shape import ArmShape, arm_shape, sight_clearance
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import Proposal
+from cablecast.conventions import Array
 from cablecast.errors import InputError
 from cablecast.learning.landing import central_shifts
 from cablecast.learning.policy import COVERAGE_PCT, TABLE_MARGIN, refine_actions, within_ranges
@@ -33,8 +34,6 @@ from cablecast.motion.polar import PolarCast
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, Goal, Landing, MissLaw, shell_points
-
-_Array = NDArray[np.float64]
 
 # The choice narrows in three steps: candidates whose simulated landings are nearest (at least
 # _NEIGHBOR_COUNT, more while candidates times casts stay below _PAIR_COUNT); of these, those whose
@@ -155,7 +154,7 @@ def propose(
 
 def hit_chances(
     expected: Expectation, goal: Goal, family: str, count: int, try_number: int = 1
-) -> _Array:
+) -> Array:
     """Return the chance of a hit within 1, 2, ... tries, shape [count].
 
     Each correction is expected on the goal. It leaves the same share of the variance as the choice
@@ -192,8 +191,8 @@ def _polar_risk(proposal: Proposal, polar: PolarLandings) -> float:
 
 
 def _loss_of_both(
-    distance: _Array, variance: _Array, left: _Array, failure: _Array, dimension: int = 2
-) -> _Array:
+    distance: Array, variance: Array, left: Array, failure: Array, dimension: int = 2
+) -> Array:
     """Return the mean of the expected losses of casts and of the next ones, [action].
 
     `left` is the variance of the next ones [square cable lengths], the rest as in `expected_loss`.
@@ -204,7 +203,7 @@ def _loss_of_both(
 
 def _risks(
     predictor: LandingPredictor, candidates: Candidates, goal: Goal, sight: CameraSight | None
-) -> tuple[_Array, _Array]:
+) -> tuple[Array, Array]:
     """Return the expected loss of candidates, and their chance of no landing, [action].
 
     The loss of one that the arm cannot follow, that leaves the table, or that was made at this
@@ -235,7 +234,7 @@ def _risks(
     return risk, failure
 
 
-def _candidates(predictor: LandingPredictor, target: _Array, tried: bool) -> Candidates:
+def _candidates(predictor: LandingPredictor, target: Array, tried: bool) -> Candidates:
     """Return promising actions, those that are expected on the target, and some in between.
 
     The uncertainty grows with the change of an action, so a part of the way to the target may miss
@@ -250,7 +249,7 @@ def _candidates(predictor: LandingPredictor, target: _Array, tried: bool) -> Can
     return candidates.at(within_ranges(candidates.actions))
 
 
-def _moved(predictor: LandingPredictor, candidates: Candidates, target: _Array) -> Candidates:
+def _moved(predictor: LandingPredictor, candidates: Candidates, target: Array) -> Candidates:
     """Return candidates near others that are expected to land on the target."""
     moved, _ = refine_actions(
         candidates.actions,
@@ -273,16 +272,16 @@ class _MovedLandings:
         # It barely changes nearby.
         self.sensitivity = predictor.beliefs.sensitivities(candidates.actions)
 
-    def predict(self, actions: _Array) -> _Array:
+    def predict(self, actions: Array) -> Array:
         """Return the expected landings of the candidates' actions in turn, any number of times."""
         rows = np.tile(np.arange(len(self.candidates)), len(actions) // len(self.candidates))
         return self.predictor.landings(self.candidates[rows].at(actions), self.sensitivity[rows])
 
-    def landing_shifts(self, actions: _Array, changes: _Array) -> _Array:
+    def landing_shifts(self, actions: Array, changes: Array) -> Array:
         """Return the shift of the landing for each change of an action, [action, k, change]."""
         return central_shifts(self.predict, actions, changes)
 
-    def predict_margin(self, actions: _Array) -> _Array:
+    def predict_margin(self, actions: Array) -> Array:
         """Return the distance that the free end keeps from the table's edges [m], [action]."""
         return self.predictor.beliefs.model.predict_margin(actions)
 
@@ -292,7 +291,7 @@ def _table_margin(predictor: LandingPredictor) -> float:
     return float(predictor.beliefs.policy.info.get("table_margin", TABLE_MARGIN))
 
 
-def _shortlist(predictor: LandingPredictor, target: _Array, tried: bool) -> Candidates:
+def _shortlist(predictor: LandingPredictor, target: Array, tried: bool) -> Candidates:
     """Return the most promising candidates of the policy, and earlier actions, for a target."""
     task = predictor.beliefs.model.task
     candidates, simulated_xy, places = predictor.beliefs.policy_candidates
@@ -320,7 +319,7 @@ def _shortlist(predictor: LandingPredictor, target: _Array, tried: bool) -> Cand
 
 
 def _least_missing(
-    predictor: LandingPredictor, candidates: Candidates, target: _Array
+    predictor: LandingPredictor, candidates: Candidates, target: Array
 ) -> Candidates:
     """Return the candidates with the least expected miss as they are."""
     _, landing_xy, variance = predictor.expected(candidates)
@@ -332,7 +331,7 @@ def _least_missing(
     return candidates[np.argsort(square)[:_SHORTLIST_COUNT]]
 
 
-def _earlier_actions(predictor: LandingPredictor, target: _Array) -> _Array:
+def _earlier_actions(predictor: LandingPredictor, target: Array) -> Array:
     """Return the actions of casts that landed nearest to a target, shape [action, 5]."""
     landed = [cast for cast in predictor.casts if cast.landed]
     model = predictor.beliefs.model

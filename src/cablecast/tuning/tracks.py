@@ -126,8 +126,8 @@ class MeasuredTracks:
         """Return the tracks of casts on a rig.
 
         A cast that left the table is compared up to the last sample before the endpoint fell.
-        Samples in which the endpoint was not seen are not
-        compared. Neither is the start, where simulation and rig are in the reset state.
+        Samples in which the endpoint was not seen are not compared. Neither is the start, where
+        simulation and rig are in the reset state.
 
         Args:
             casts: Casts.

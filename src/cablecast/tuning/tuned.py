@@ -280,9 +280,9 @@ class Tuned:
     @functools.cached_property
     def _other_frictions(self) -> tuple[Dynamics, Dynamics]:
         """The first member with less and with more friction."""
-        return self._with_friction(np.exp(-FRICTION_STEP)), self._with_friction(
-            np.exp(FRICTION_STEP)
-        )
+        steps = (-FRICTION_STEP, FRICTION_STEP)
+        less, more = (self._with_friction(np.exp(step)) for step in steps)
+        return less, more
 
     @functools.cached_property
     def _slippery(self) -> tuple[Dynamics, ...]:
