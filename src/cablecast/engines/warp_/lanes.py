@@ -100,6 +100,11 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         return result
 
     @wp.func
+    def is_positive(a: lane):
+        """Return 1 in each lane where a number is positive, else 0."""
+        return smaller(larger(a * real(1.0e9), lane()), lane(real(1.0)))
+
+    @wp.func
     def reciprocal(a: lane):
         """Return 1 / a in each lane, 0 where a is 0, such as the mass of a node."""
         return wp.cw_div(a, wp.cw_mul(a, a) + lane(real(1.0e-20)))
@@ -149,6 +154,7 @@ def lane_functions(precision: str, lane_count: int) -> SimpleNamespace:
         cross=cross,
         scale=scale,
         absolute=absolute,
+        is_positive=is_positive,
         reciprocal=reciprocal,
         smaller=smaller,
         larger=larger,

@@ -36,7 +36,6 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
     Model, Path, State, Scratch = s.Model, s.Path, s.State, s.Scratch
     airborne_weight = wp.constant(1.0e6)  # squared speed per height of a free end [m/s²]
     fallen = wp.constant(0.05)  # depth below the table [m]
-    step_scale = wp.constant(1.0e9)
     swing_weight = wp.constant(1.0e-4)  # of squared speeds outside the last quarter [-]
 
     @wp.func
@@ -126,8 +125,8 @@ def integrate_functions(precision: str, lane_count: int) -> SimpleNamespace:
             fastest = f.larger(fastest, (mul(v[0], v[0]) + mul(v[1], v[1])) * weight)
             node += 1
         # 1 for a free end above the depth at which it has fallen off, 0 below.
-        above = (position[model.endpoint][2] + lane(real(fallen))) * real(step_scale)
-        return mul(f.smaller(f.larger(above, lane()), lane(real(1.0))), fastest)
+        above = f.is_positive(position[model.endpoint][2] + lane(real(fallen)))
+        return mul(above, fastest)
 
     return SimpleNamespace(
         predict_velocities=predict_velocities, drive_held_ends=drive_held_ends, move=move

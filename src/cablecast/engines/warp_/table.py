@@ -62,12 +62,6 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
     Model, State = s.Model, s.State
     edge_cells = wp.constant(EDGE_CELLS)
     tiny = wp.constant(1.0e-12)
-    step_scale = wp.constant(1.0e9)
-
-    @wp.func
-    def is_positive(value: lane):
-        """Return 1 for worlds where a number is positive, else 0 [-]."""
-        return f.smaller(f.larger(value * real(step_scale), lane()), lane(real(1.0)))
 
     @wp.func
     def past_edge(model: Model, group: int, x: vec3):
@@ -84,11 +78,11 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         """
         one = lane(real(1.0))
         ahead = f.smaller(x[1] - lane(model.y_min), lane(model.y_max) - x[1])
-        is_aside = is_positive(ahead - lane(model.half_width) + f.absolute(x[0]))
+        is_aside = f.is_positive(ahead - lane(model.half_width) + f.absolute(x[0]))
         middle = lane(real(0.5) * (model.y_min + model.y_max))
         out = f.larger(past, lane())
-        side = is_positive(x[0]) * real(2.0) - one
-        end = is_positive(x[1] - middle) * real(2.0) - one
+        side = f.is_positive(x[0]) * real(2.0) - one
+        end = f.is_positive(x[1] - middle) * real(2.0) - one
         return wp.matrix_from_rows(
             mul(out, mul(is_aside, side)),
             mul(out, mul(one - is_aside, end)),
@@ -99,7 +93,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
     def normal_at(model: Model, group: int, x: vec3, past: lane):
         """Return the normal of the table at a node [-]; that of its top where nothing is past."""
         arm = from_edge(model, group, x, past)
-        is_past = is_positive(past)
+        is_past = f.is_positive(past)
         size = f.root(f.dot(arm, arm)) + lane(real(tiny))
         up = lane(real(1.0)) - is_past
         normal = f.scale(f.div(is_past, size), arm)
@@ -112,7 +106,7 @@ def contact_functions(precision: str, lane_count: int) -> SimpleNamespace:
         arm = from_edge(model, group, x, past)
         rounding = model.segment_length[group] * real(edge_cells)
         at_edge = f.root(f.dot(arm, arm)) - rounding - model.radius[group]
-        return on_top + mul(is_positive(past), at_edge - on_top)
+        return on_top + mul(f.is_positive(past), at_edge - on_top)
 
     @wp.func
     def turn_up(vector: vec3, normal: vec3):
