@@ -17,6 +17,7 @@ from cablecast.data.store import CastStore
 from cablecast.engines.dynamics import Dynamics
 from cablecast.motion.casting import Action
 from cablecast.motion.polar import PolarCast
+from cablecast.report.words import reason_text
 from cablecast.task import LANDING
 from cablecast.tuning.tuned import Tuned
 
@@ -180,3 +181,17 @@ def test_a_polar_cast_far_off_says_nothing_of_how_well_sweeps_are_predicted(land
     session.observe(polar, track)
     assert session.casts[0].square > 9.0
     assert session.propose(FAR).expected.law == before.expected.law
+
+
+def test_a_second_polar_cast_is_told_by_what_differs_from_the_first(landings):
+    session = cc.AimSession(make_policy())
+    first = dataclasses.replace(proposal_of(landings, WILD), number=0)
+    track = EndpointTrack(times=np.zeros(1), endpoint_xy=FAR[None] + 0.1, status=TrialStatus.OK)
+    session.observe(first, track)
+    action = first.action
+    moved = PolarCast(action.azimuth + np.radians(2.0), action.x + 0.03, action.y, 0.8)
+    second = dataclasses.replace(proposal_of(landings, WILD), action=moved, number=1)
+    assert reason_text(second, session) == (
+        "try 1 with the azimuth +2.0 deg, the end of the pull +3.0 cm in x and +0.0 cm in y, "
+        "pace -0.10"
+    )

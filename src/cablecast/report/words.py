@@ -180,12 +180,13 @@ def _reason(earlier: list[Cast], proposal: Proposal) -> str:
         return "another action, since no cast like it has landed"
     if isinstance(action, PolarCast):
         last, values = landed[-1]
-        azimuth, x, y = action.to_array() - values
+        azimuth, x, y, pace = action.to_array() - values
         turn, right, away = math.degrees(azimuth), 100.0 * x, 100.0 * y
         small = math.hypot(turn, right, away) < _SMALL_STEP
         return (
             f"try {last.try_number} with the azimuth {turn:+.1f} deg, the end of the pull "
             f"{right:+.1f} cm in x and {away:+.1f} cm in y"
+            + (f", pace {pace:+.2f}" if round(pace, 2) else "")
             + (small_step_text(proposal, last) if small else "")
         )
     units = np.array([57.3, 57.3, 100.0, 57.3, 100.0])
