@@ -32,9 +32,7 @@ class TrialStatus(enum.Enum):
 
     OK = "The endpoint came to rest on the table and was seen."
     OFF_TABLE = "The endpoint ended beyond the table's edge: choose a slower or narrower motion."
-    OCCLUDED = (
-        "The endpoint was hidden from the camera at the end: move the arm away and look again."
-    )
+    OCCLUDED = "The endpoint was hidden from the camera at the end: clear its view and look again."
     NON_FINITE = "The simulated cable became non-finite: check its parameters and the step."
     ABORTED = "The trial was stopped before its end: clear the cause and run it again."
 

@@ -172,7 +172,7 @@ class LabCheck:
         count = len(self.landing_xy)
         reached = round(float(self.chance(xy)) * count)
         if reached:
-            lands = f"simulated casts land there with {reached} of {count} believed cables"
+            lands = f"simulated casts land there for {reached} of {count} cables that this may be"
             if self.is_calm(xy):
                 return f"{lands}: {CALM.words(self.setup.cable.length)}"
             return f"{lands}, but {self.wild_words_at(xy)}"

@@ -304,7 +304,7 @@ def reach_map(
         axes.plot(*target, "o", color=INK, markersize=2.5, zorder=6)
         style = {"color": INK, "fontsize": 8, "halo": 2.2, "zorder": 6}
         annotate(axes, place_text(target), target, (7, 5), **style)
-    label = "believed cables whose casts reach a place [%]"
+    label = "share of what the cable may be whose casts reach a place [%]"
     draw_color_bar(figure, axes, scale, label, shrink=0.6, aspect=26, pad=0.01)
     return figure
 
