@@ -74,8 +74,8 @@ def test_a_fit_that_is_interrupted_says_that_it_goes_on_and_does(tmp_path):
             time.sleep(0.01)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
-        assert process.returncode == 130
         assert said.endswith("cablecast: interrupted. The same command goes on from what is kept\n")
+        assert process.returncode == 130
         return said
 
     run_to_step("0001.json")

@@ -30,12 +30,11 @@ class AimConfig:
     where a cast is expected to miss."""
     refit: bool = True
     """Fit the simulator to all casts, and learn anew from it, before a target where it is worth it:
-    at three times as many casts as it was fitted to, or at twice as many if it follows them badly
-    or first tries land farther off than was stated. Takes a minute; --no-refit keeps the model."""
+    at three times as many casts as it was fitted to, or at twice as many if first tries land
+    farther off than was stated. Takes a minute; --no-refit keeps the model."""
     calibration_count: int = 5
-    """Casts that the rig makes before the first target; twice as many where the simulator follows
-    them badly and is to be fitted anew. With 0 it aims at once with the believed cable, and the
-    simulator is fitted to the first casts."""
+    """Casts that the rig makes before the first target. With 0 it aims at once with the believed
+    cable, and the simulator is fitted to the first casts."""
     simulated_count: int = 8_000
     """Number of simulated casts that the model learns from."""
     epochs: int = 60

@@ -28,9 +28,7 @@ from cablecast.rigs.checked import CheckedRig, TrialFailedError, attempt_trial
 from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.task import Goal, MissLaw, Task
-from cablecast.tuning.landings import TYPICAL_DISTANCES
 from cablecast.tuning.tracks import MeasuredTracks
-from cablecast.tuning.tuned import Tuned
 
 LOCAL_COUNT = 8
 """Casts near a target that the simulators take a step towards at most: a step takes the longer, the
@@ -40,8 +38,7 @@ GROWTH = 3
 """Times as many casts as the simulator was fitted to, from which on a new fit is due."""
 
 EARLY_GROWTH = 2
-"""Times as many, if the simulator follows its casts badly, or first tries land farther off than was
-stated."""
+"""Times as many, if first tries land farther off than was stated."""
 
 EARLY_INNOVATION, EARLY_TRIES = 2.0, 3
 """Mean normalised squared innovation (1 is expected) of so many first tries or more from which on
@@ -106,8 +103,6 @@ class RefitReason(enum.Enum):
     """It is fitted to no cast of the session yet."""
     MORE_CASTS = enum.auto()
     """There are `GROWTH` times as many casts."""
-    POOR_FIT = enum.auto()
-    """It follows its casts poorly, and there are `EARLY_GROWTH` times as many."""
     FAR_OFF = enum.auto()
     """First tries land farther off than was stated."""
 
@@ -120,8 +115,7 @@ class RefitDue:
         reason: Why it is.
         cast_count: Active casts of the session.
         fitted_count: Number of them that the simulator is fitted to.
-        size: Distance from a poor fit to its casts [cable lengths], or misses of first tries over
-            the stated ones [-]; 0 for the other reasons.
+        size: Misses of first tries over the stated ones [-]; 0 for the other reasons.
     """
 
     reason: RefitReason
@@ -556,7 +550,6 @@ class AimSession(CastSession):
         return refit_due(
             [cast for _, cast in active],
             [self.model.has_fitted(*row) for row in active],
-            distance=poor_fit(self.model.tuned),
             needs_first_fit=self.model.fitted_to is None,
         )
 
@@ -594,17 +587,10 @@ def casts_near(casts: Sequence[tuple[int, Cast]], goal: Goal) -> list[int]:
     return sorted(chosen[:LOCAL_COUNT])
 
 
-def poor_fit(tuned: Tuned | None) -> float:
-    """Return the distance from a fit to its own casts [cable lengths] if it is poor, else 0."""
-    distance = 0.0 if tuned is None or tuned.posterior is None else tuned.posterior.distance
-    return distance if distance > TYPICAL_DISTANCES[1] else 0.0
-
-
 def refit_due(
     casts: Sequence[Cast],
     fitted: Sequence[bool],
     *,
-    distance: float = 0.0,
     needs_first_fit: bool = False,
 ) -> RefitDue | None:
     """Return why the simulator should be fitted anew; None if it need not be.
@@ -613,7 +599,6 @@ def refit_due(
         casts: Active casts of a session, in the order in which they were made.
         fitted: Whether the simulator was fitted to each. One that was fitted to none of them needs
             no other fit.
-        distance: Distance from the fit to these [cable lengths] if it is poor, see `poor_fit`.
         needs_first_fit: Whether the simulator is to be fitted to the first casts of the session.
     """
     count, fitted_count = len(casts), sum(fitted)
@@ -624,8 +609,6 @@ def refit_due(
         return None
     if count >= GROWTH * fitted_count:
         return due(RefitReason.MORE_CASTS)
-    if distance:
-        return due(RefitReason.POOR_FIT, size=distance)
     innovations = [
         cast.square / len(cast.target_xy)
         for cast, is_fitted in zip(casts, fitted, strict=True)

@@ -67,8 +67,7 @@ class Aim(AimConfig, _Targets):
     """Cast at targets, look, correct, and cast again until they are hit.
 
     The first time, the rig makes five casts, the simulator is fitted to them, and a model learns
-    from simulated casts; that takes a minute or two of computing. Where the simulator follows the
-    five badly, it makes five more first. Then each target is aimed at.
+    from simulated casts; that takes a minute or two of computing. Then each target is aimed at.
     Before each cast the command says where it expects the free end to land and how surely, after it
     where it landed and what changes. Once there are many more casts than the simulator was fitted
     to, it is fitted to all of them before the next target. Every cast is kept in --out: give

@@ -165,9 +165,8 @@ WithRefit = Annotated[
         "",
         "fit anew where it is worth it",
         "Keep the fit. Otherwise the simulator is fitted to all casts before a target at three "
-        "times as many casts as it was fitted to, or at twice as many if it follows them badly or "
-        "first tries land farther off than was stated; and first casts that it follows badly are "
-        "followed by as many again.",
+        "times as many casts as it was fitted to, or at twice as many if first tries land farther "
+        "off than was stated.",
     ),
 ]
 WithPolar = Annotated[

@@ -22,13 +22,12 @@ from cablecast.aiming.session import (
     CastSession,
     RefitDue,
     Stop,
-    poor_fit,
 )
 from cablecast.cast import Cast, Proposal
 from cablecast.data.dataset import Dataset, read_dataset
 from cablecast.data.store import CastStore
 from cablecast.engines import make_engine
-from cablecast.errors import SEED_MAX, CablecastError, InputError, check_argument_types
+from cablecast.errors import CablecastError, InputError, check_argument_types
 from cablecast.evaluation.evaluate import (
     Evaluation,
     evaluation_metrics,
@@ -64,7 +63,7 @@ from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.tuned import PARAMS_FILE, Tuned, load_tuned, write_params
 
-CALIBRATION_FOLDER, SECOND_FOLDER = "calibration", "calibration-2"
+CALIBRATION_FOLDER = "calibration"
 SESSION_FOLDER = "session"
 PRIOR_FILE = "prior.npz"
 """Simulated swings of believed cables, in the folder of a session of strikes."""
@@ -82,7 +81,7 @@ RIG_PART = "rig"
 
 _OWN = {
     f"{RIG_PART}.json",
-    *(CALIBRATION_FOLDER, SECOND_FOLDER, TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER),
+    *(CALIBRATION_FOLDER, TUNE_FOLDER, DATASET_FOLDER, MODEL_FOLDER),
     *(SESSION_FOLDER, FITS_FOLDER, REPORT_FOLDER, PRIOR_FILE),
 }
 
@@ -214,9 +213,8 @@ def prepare_aim(
 ) -> AimSession:
     """Make a few casts, fit the simulator to them, learn from it, and open a session.
 
-    A fit that follows its casts badly is not learned from: as many casts are made again, and the
-    simulator is fitted to all of them, unless `AimConfig.refit` is False. A folder whose session
-    began with given casts, a given fit, or none of them goes on so without these.
+    A folder whose session began with given casts, a given fit, or none of them goes on so without
+    these.
 
     Args:
         rig: Rig that `make_rig` returned; gives the set-up.
@@ -255,16 +253,6 @@ def prepare_aim(
     elif model is None and casts is None and config.calibration_count:
         calibrates = True
         casts = _calibration_casts(rig, config, folder, progress)
-        tuned = learning.fit(casts, folder, progress)
-        # Once the session has cast at a target, `refit_due` decides.
-        new = config.refit and all(cast.proposal is None for cast in store.casts)
-        if new and (distance := poor_fit(tuned)):
-            percent = 100.0 * distance
-            task = f"The fit to these casts follows them to {percent:.1f} % of cable length only"
-            progress(Progress(task=task, note="as many casts again"))
-            for made in (casts, _calibration_casts(rig, config, folder, progress, tuned)):
-                store.add_dataset(made)
-            model, casts = learning(store, progress), None
     session = AimSession(
         model or learning.first(casts, tuned, progress),
         casts=casts,
@@ -323,12 +311,11 @@ def _calibration_casts(
     config: AimConfig,
     folder: pathlib.Path | None,
     progress: ProgressCallback,
-    tuned: Tuned | None = None,
 ) -> Dataset:
-    """Return the calibration casts; given a fit to these, as many again, spread by its landings."""
-    count, second = config.calibration_count, tuned is not None
-    path = folder and folder / (SECOND_FOLDER if second else CALIBRATION_FOLDER)
-    task = f"1/4 {count} {'more ' * second}casts to fit to"
+    """Return the calibration casts."""
+    count = config.calibration_count
+    path = folder and folder / CALIBRATION_FOLDER
+    task = f"1/4 {count} casts to fit to"
     if path is not None and (path / METRICS_FILE).exists():
         # Choosing their actions anew would simulate thousands of casts.
         made = read_dataset(path)
@@ -338,18 +325,15 @@ def _calibration_casts(
             progress(Progress(task=task, note=DONE_NOTE))
             return made
     progress(Progress(task=task))
-    if not second:
-        compile_for_fits()
-        threading.Thread(target=_get_ready, args=(rig.setup, config), daemon=True).start()
+    compile_for_fits()
+    threading.Thread(target=_get_ready, args=(rig.setup, config), daemon=True).start()
     return collect(
         rig,
-        # On a rig with random effects, the second casts draw others than the first.
-        purpose="real" if second else "tune",
+        purpose="tune",
         count=count,
         sampling="spread",
-        seed=(config.seed + second) % (SEED_MAX + 1),
+        seed=config.seed,
         pace=config.pace,
-        dynamics=None if tuned is None else tuned.dynamics,
         out=path,
         progress=progress,
     )

@@ -124,8 +124,6 @@ def refit_text(due: RefitDue) -> str:
     """Return why the simulator should be fitted anew."""
     count = "none" if due.reason is RefitReason.FIRST_FIT else str(due.fitted_count)
     text = f"{due.cast_count} casts are known, and the simulator is fitted to {count}"
-    if due.reason is RefitReason.POOR_FIT:
-        return f"{text}, and follows them to {100.0 * due.size:.1f} % of cable length only"
     if due.reason is RefitReason.FAR_OFF:
         return f"{text}; first tries land {due.size:.1f} times as far off as was stated"
     return text
