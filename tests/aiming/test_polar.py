@@ -7,7 +7,7 @@ import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
 import cablecast as cc
-from cablecast.aiming.polar import LAID_OUT, SCATTER, SWING_PACES, TURNING, PolarLandings
+from cablecast.aiming.polar import FLOOR, LAID_OUT, SWING_PACES, TURNING, PolarLandings
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
 from cablecast.aiming.residual import Experience, ResidualScales
@@ -64,7 +64,8 @@ def test_one_cast_teaches_itself_and_its_neighbours(landings):
     cast, other = landings.aimed_at(FAR), landings.aimed_at(polar_to_xy([1.2, 0.1]))
     made = astray(landings, cast)
     after = landings.with_casts([made])
-    assert np.linalg.norm(after.expectation(cast).mean - made.final_xy) < SCATTER * LENGTH
+    expected = after.expectation(cast)
+    assert np.linalg.norm(expected.mean - made.final_xy) < expected.scatter
     # The neighbour is expected to err by most of what this one did, on the same side.
     real = astray(landings, other).final_xy
     before_miss, after_miss = (
@@ -108,6 +109,35 @@ def test_pilots_tell_how_far_each_angle_of_a_pull_turns_the_cable_too_far(landin
         for one in (landings, after)
     )
     assert after_miss < 0.5 * before_miss
+
+
+def test_a_pull_takes_the_sway_of_a_swing_down_as_a_tractrix_does(landings):
+    back = landings.reach.back
+
+    def sway(y):
+        cast = PolarCast(0.0, 0.0, y)
+        noise = landings._noise([cast], np.ones(1))[0, :, 0] - FLOOR**2
+        return landings.reach.way(cast), np.sqrt(noise)
+
+    (short, before), (long, after) = sway(back.grip_y_min + 0.1), sway(back.grip_y_min)
+    assert long - short == pytest.approx(0.1)
+    np.testing.assert_allclose(after / before, np.exp(-0.1 / LENGTH))
+
+
+def test_equal_casts_that_land_apart_are_told_to_scatter_and_are_followed_less(landings):
+    cast = landings.aimed_at(FAR)
+    across = landings._axes(cast)[1]
+
+    def after(errors):
+        return landings.with_casts([made_at(landings, cast, e * across, "aim") for e in errors])
+
+    calm, wild = after([0.05, 0.052, 0.048]), after([0.05, 0.15, -0.02])
+    assert calm.expectation(cast).scatter < landings.expectation(cast).scatter
+    assert wild.expectation(cast).scatter > 3.0 * calm.expectation(cast).scatter
+    # What the next lands off by is luck, for the most part.
+    last = made_at(landings, cast, 0.15 * across, "aim")
+    before, later = (one.expectation(cast).mean for one in (wild, wild.with_casts([last])))
+    assert across @ (later - before) < 0.4 * across @ (last.final_xy - before)
 
 
 def test_pilots_are_cast_at_other_paces_until_a_swing_lays_the_cable_out(landings):

@@ -57,17 +57,25 @@ out [cable lengths]; else another pace is tried."""
 HEAP = 0.2
 """Error beyond which a cable lies in a heap, and says nothing of other casts [cable lengths]."""
 
-SCATTER = 0.008
-"""Standard deviation of equal polar casts along each axis [cable lengths]: 0.1 to 0.6 % there, and
-up to 3 % where the gripper comes down straight ahead and barely pulls."""
+FLOOR = 0.003
+"""Standard deviation of equal casts along each axis after a long pull [cable lengths]."""
+
+SWAY = np.array([0.003, 0.015])
+"""That of how a swing lays the cable down, along it and across it [cable lengths]. A pull lets the
+free end trail, and takes it down by exp(-way / length)."""
+
+ERROR_SIZES, SWAY_SIZES = np.geomspace(0.5, 5.0, 7), np.geomspace(0.5, 8.0, 5)
+"""Sizes of the simulator's errors and of the sway over the typical ones, all of which are believed
+in part, by the casts that were made: a light cable may not be laid out, or never twice alike."""
+
+SIZE_DEVIATIONS = np.array([0.4, 1.2])
+"""Standard deviation of the logarithms of these sizes about 0 before any cast."""
 
 # Steps of the aim point towards the one that is expected on the target, and the distance from it
 # at which they end [m].
 _STEPS, _CLOSE = 4, 0.002
 # Distance of two casts in units of `SCALES` below which they are alike.
 _SAME = 0.05
-# Errors that the belief about their size is worth.
-_BELIEVED = 4.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -204,18 +212,20 @@ class PolarLandings:
             CablecastError: There is no such cast.
         """
         length, axes = self.setup.cable.length, self._axes(cast)
-        mean, variance = self._simulated_xy(cast), self._covariances([cast], [cast])[:, 0, 0]
-        if self._own:
-            kernels = self._covariances([cast], self._actions)[:, 0]
-            gains = np.array(
-                [one @ kernel for one, kernel in zip(self._inverses, kernels, strict=True)]
-            )
-            mean = mean + length * np.sum(gains * self._errors.T, axis=1) @ axes
-            left = np.maximum(variance - np.sum(gains * kernels, axis=1), 0.0)
-            variance = self._scale**2 * left
-        covariance = length**2 * axes.T @ np.diag(variance + SCATTER**2) @ axes
+        errors, sways = self._sizes
+        alone = self._covariances([cast], [cast])[:, 0, 0]
+        kernel = self._covariances([cast], self._actions)[:, 0]
+        gains = errors[:, None, None] ** 2 * np.einsum("sanm,am->san", self._inverses, kernel)
+        means = np.einsum("san,na->sa", gains, self._errors)
+        left = np.maximum(errors[:, None] ** 2 * alone - np.einsum("san,an->sa", gains, kernel), 0)
+        mean, left = self._weights @ means, self._weights @ (left + means**2)
+        noise = self._weights @ self._noise([cast], sways)[:, :, 0]
+        covariance = length**2 * axes.T @ np.diag(left - mean**2 + noise) @ axes
         return Expectation(
-            mean=mean, covariance=covariance, law=law or MissLaw(), scatter=SCATTER * length
+            mean=self._simulated_xy(cast) + length * mean @ axes,
+            covariance=covariance,
+            law=law or MissLaw(),
+            scatter=length * float(np.sqrt(np.mean(noise))),
         )
 
     def _simulated_xy(self, cast: PolarCast) -> Array:
@@ -234,7 +244,7 @@ class PolarLandings:
 
     def _covariances(self, first: Sequence[PolarCast], second: Sequence[PolarCast]) -> Array:
         """Return the covariance of the errors on these axes, shape [2, first, second]."""
-        points = [np.array([_point(cast) for cast in casts]) for casts in (first, second)]
+        points = [np.reshape([_point(c) for c in casts], (-1, 3)) for casts in (first, second)]
         turns = np.outer(
             [self._turn(cast) for cast in first], [self._turn(cast) for cast in second]
         )
@@ -246,12 +256,10 @@ class PolarLandings:
         along = self._axes(cast)[0]
         return float(np.arctan2(*along)) - cast.azimuth
 
-    @functools.cached_property
-    def _scale(self) -> float:
-        """Size of the errors over the typical one [-]: a swing may not lay out a light cable."""
-        typical = np.diagonal(self._covariances(self._actions, self._actions), axis1=1, axis2=2).T
-        squares = np.sum(self._errors**2 / typical)
-        return float(np.sqrt((_BELIEVED + squares) / (_BELIEVED + self._errors.size)))
+    def _noise(self, casts: Sequence[PolarCast], sways: Array) -> Array:
+        """Return the variance of equal casts on these axes, by the sway, shape [size, 2, cast]."""
+        left = np.exp([-self.reach.way(cast) / self.setup.cable.length for cast in casts])
+        return FLOOR**2 + (np.multiply.outer(sways, SWAY)[:, :, None] * left) ** 2
 
     @functools.cached_property
     def _made(self) -> list[tuple[Cast, PolarCast]]:
@@ -284,11 +292,30 @@ class PolarLandings:
         return self._axes(action) @ offset / self.setup.cable.length
 
     @functools.cached_property
+    def _sizes(self) -> Array:
+        """The sizes that are believed in part, of the errors and of the sway, shape [2, size]."""
+        return np.reshape(np.meshgrid(ERROR_SIZES, SWAY_SIZES, indexing="ij"), (2, -1))
+
+    @functools.cached_property
+    def _spreads(self) -> Array:
+        """Covariance of the errors that were seen, by the sizes, shape [size, 2, cast, cast]."""
+        errors, sways = self._sizes
+        own = self._covariances(self._actions, self._actions)
+        noise = self._noise(self._actions, sways)[..., None] * np.eye(len(self._own))
+        return errors[:, None, None, None] ** 2 * own + noise
+
+    @functools.cached_property
     def _inverses(self) -> Array:
-        """Inverse covariance of these errors for each axis, shape [2, cast, cast]."""
-        noise = SCATTER**2 * np.eye(len(self._own))
-        covariances = self._covariances(self._actions, self._actions)
-        return np.array([np.linalg.inv(one + noise) for one in covariances])
+        return np.linalg.inv(self._spreads)
+
+    @functools.cached_property
+    def _weights(self) -> Array:
+        """How much each pair of sizes is believed after these errors, shape [size]."""
+        squares = np.einsum("na,sanm,ma->s", self._errors, self._inverses, self._errors)
+        squares += np.linalg.slogdet(self._spreads)[1].sum(axis=1)
+        squares += np.sum((np.log(self._sizes) / SIZE_DEVIATIONS[:, None]) ** 2, axis=0)
+        weights = np.exp(-0.5 * (squares - squares.min()))
+        return weights / weights.sum()
 
 
 def _point(cast: PolarCast) -> Array:
