@@ -306,7 +306,8 @@ class PolarLandings:
 
     @functools.cached_property
     def _inverses(self) -> Array:
-        return np.linalg.inv(self._spreads)
+        """Their inverses."""
+        return np.asarray(np.linalg.inv(self._spreads), dtype=float)
 
     @functools.cached_property
     def _weights(self) -> Array:
