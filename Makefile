@@ -8,6 +8,9 @@ STAMP := $(VENV)/.installed
 OPENCV_4 := 4.14.0.94
 # Each file's tests share what they make; the files begin in the order of tests/conftest.py.
 PARALLEL := -n auto --dist loadfile --no-loadscope-reorder
+# What was compiled is kept: the first that imports a module compiles it for all others.
+unexport PYTHONDONTWRITEBYTECODE
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test coverage lint format docs results release clean
@@ -60,9 +63,8 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "$(PYTHON) cannot create virtual environments: ensurepip is missing." >&2; \
 	  echo "On Debian and Ubuntu: sudo apt install python3-venv, then run make again." >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	  --editable '.[all,dev,docs]'
+	$(PIP_INSTALL) -c constraints.txt --editable '.[all,dev,docs]'
 	@# The tests of tags and boards run with the other major version of OpenCV, too.
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
-	  --target $(VENV)/opencv-4 opencv-python-headless==$(OPENCV_4)
+	$(PIP_INSTALL) --no-deps --upgrade --target $(VENV)/opencv-4 \
+	  opencv-python-headless==$(OPENCV_4)
 	@touch $(STAMP)
