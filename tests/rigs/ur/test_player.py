@@ -107,6 +107,7 @@ def test_an_e_series_reports_at_500_hz_and_stops_as_soon(make_twin):
         assert time_to_rest(process, "fault") < REST_TIME_MAX
     finally:
         link.close()
+        process.close()
 
 
 @pytest.mark.parametrize(

@@ -233,6 +233,7 @@ def test_an_e_series_of_another_size_casts_at_500_hz(make_twin, model, lab, r2, 
     # A busy computer misses reports; the most common step is that of the controller.
     assert np.median(np.diff(casts.measured_joints(0).times)) == pytest.approx(0.002, abs=1e-6)
     assert not [e for e in process.admin.events() if e["what"] == "protective stop"]
+    process.close()
 
 
 @pytest.fixture(scope="module")

@@ -157,11 +157,10 @@ def test_the_cable_stays_in_the_stated_box(twin):
 
 
 @pytest.mark.parametrize("generation", ["cb3", "e-series"])
-def test_the_twin_plays_a_swing_at_125_and_at_500_hz(make_twin, generation, monkeypatch):
+def test_the_twin_plays_a_swing_at_125_and_at_500_hz(twin, make_twin, generation, monkeypatch):
     monkeypatch.setattr("cablecast.rigs.arm.REPORT_GAP_MAX", 60.0)
-    if generation == "cb3":
-        process, setup = make_twin(lab=LAB, has_cable=False, rate=4.0)
-    else:
+    process, setup = twin
+    if generation == "e-series":
         process, setup = make_twin({}, "ur10e", lab=LAB_10E, has_cable=False, rate=3.0)
     trajectory = swing_of(setup)
     with CheckedRig(RigSwingArm(setup, EngineCamera(setup)), setup, time_limit=600.0) as rig:
@@ -175,6 +174,8 @@ def test_the_twin_plays_a_swing_at_125_and_at_500_hz(make_twin, generation, monk
     np.testing.assert_allclose(reported.q[-1], end, atol=0.02)
     assert np.abs(reported.q - joints_at(trajectory.joint_path, reported.times)).max() < LAG_MAX
     assert not [e for e in process.admin.events() if e["what"] == "protective stop"]
+    if generation == "e-series":
+        process.close()
 
 
 @pytest.mark.parametrize(
