@@ -109,7 +109,7 @@ def test_a_collection_of_casts_that_leave_the_table_says_what_stays_on_it(lab, c
 def test_a_collection_killed_again_and_again_makes_each_trial_once(lab):
     command = [sys.executable, "-m", "cablecast", "collect", *RIG, "--count", "16"]
     data = lab / "runs/cable_1/tune-data/data"
-    for _ in range(3):
+    for _ in range(2):
         before = len(list(data.rglob("file-*.parquet")))
         process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
         while len(list(data.rglob("file-*.parquet"))) < before + 2 and process.poll() is None:
@@ -121,7 +121,7 @@ def test_a_collection_killed_again_and_again_makes_each_trial_once(lab):
     assert len(dataset) == 16
     # Only a trial whose row was not yet written when the process died may have been made twice.
     assert sorted(set(made(lab))) == list(range(16))
-    assert len(made(lab)) <= 16 + 3
+    assert len(made(lab)) <= 16 + 2
     (lab / "made.txt").unlink()
     assert main([*command[3:], "--out", "unbroken"]) == 0
     unbroken = read_dataset(lab / "unbroken")

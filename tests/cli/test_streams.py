@@ -14,7 +14,7 @@ import yaml
 from cablecast.cable import load_cable
 from cablecast.cli import main
 
-NAMES = ["[bold]x[/bold]", "[/]", "線 weiß", ":smile: 100%", "a'b\"c\\d", "- x: y # z", "../.."]
+NAMES = ["[bold]x[/bold] [/]", "線 weiß :smile: 100%", "- a'b\"c\\d: y # z", "../.."]
 
 
 @pytest.mark.usefixtures("blank_figures")
