@@ -22,7 +22,7 @@ from cablecast.tuning.tuned import load_tuned
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
 
-COARSE = {"segment_count": 10, "dt": 2e-3}
+COARSE = {"segment_count": 6, "dt": 4e-3}
 SEARCH = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
 SMALL = {
     **{"calibration_count": 3, "simulated_count": 120, "candidate_count": 200, "epochs": 2},
@@ -46,7 +46,7 @@ def quicken(patch):
     patch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: QUICK)
     patch.setattr("cablecast.aiming.propose._SIMULATED_COUNT", 8)
     patch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
-    patch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 30)
+    patch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 12)
 
 
 @pytest.fixture(autouse=True)

@@ -11,6 +11,7 @@ from cablecast.engines.dynamics import Dynamics
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.pipeline import check
 from cablecast.pipeline.check import CALM, WILD, _try_changes
 
 
@@ -19,10 +20,17 @@ def checked():
     return cc.check(cc.Setup(), changes=False)
 
 
-@pytest.fixture(scope="module")
-def changed():
-    """Return the check of a laboratory that reaches more with a change."""
-    return cc.check(cc.Setup(cable="cable_2").with_motion(r0=0.9))
+@pytest.fixture
+def few_casts(monkeypatch):
+    """Judge a laboratory by half as many casts, and fewer places of polar ones."""
+    for name, value in (("CAST_COUNT", 200), ("CALM_COUNT", 50), ("POLAR_STEP", (0.3, 0.3))):
+        monkeypatch.setattr(check, f"_{name}", value)
+    kept = check._believed, check._polar_landings
+    for cache in kept:
+        cache.cache_clear()
+    yield
+    for cache in kept:
+        cache.cache_clear()
 
 
 def test_places_that_are_called_reached_are_those_where_other_casts_land(checked):
@@ -46,8 +54,12 @@ def test_what_nothing_reaches_is_named_with_the_nearest_landing(checked):
     assert any("beyond arm and cable, 1.56 m" in limit for limit in checked.limits)
 
 
-def test_a_change_that_is_named_reaches_more_of_the_table(changed):
+@pytest.mark.usefixtures("few_casts")
+def test_a_change_that_is_named_reaches_more_of_the_table():
+    changed = cc.check(cc.Setup(cable="cable_2").with_motion(r0=0.9))
     assert changed.changes
+    # Compared with the share that is said.
+    assert {change.before for change in changed.changes} == {changed.shares[0]}
     for change in changed.changes:
         other = cc.check(change.setup, changes=False)
         assert other.shares[0] > changed.shares[0], str(change)
@@ -81,10 +93,7 @@ def test_an_arm_that_can_follow_nothing_hears_what_would_help():
         cc.check(jerky)
 
 
-def test_changes_are_compared_with_the_share_that_is_said(changed):
-    assert {change.before for change in changed.changes} == {changed.shares[0]}
-
-
+@pytest.mark.usefixtures("few_casts")
 def test_the_verb_prints_what_is_reached_and_draws_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     lab = tmp_path / "lab.yaml"
