@@ -29,7 +29,7 @@ from cablecast.report.tries import (
     tracking_error,
     tries_map,
 )
-from cablecast.report.words import place_text, stop_text, verdict_text
+from cablecast.report.words import miss_text, place_text, stop_text, verdict_text
 from cablecast.setup import Setup
 
 Beyond = tuple[NDArray[np.float64], str]
@@ -132,16 +132,10 @@ def aim_page(tried: Tried, config: Mapping[str, Any]) -> str:
 
 def _target_rows(tried: Tried) -> list[tuple[str, str, str]]:
     """Return each target, its outcome, and the miss of each try."""
-    length = tried.session.setup.cable.length
     rows = []
     for xy, casts, stop in zip(tried.every.target_xy, tried.tries, tried.stops, strict=True):
-        misses = [
-            f"{cast.miss_pct * length:.1f} cm"
-            if cast.landed
-            else cast.status.code.replace("_", " ")
-            for cast in casts
-        ]
-        rows.append((place_text(xy), _outcome_text(casts, stop), ", ".join(misses)))
+        misses = ", ".join(map(miss_text, casts))
+        rows.append((place_text(xy), _outcome_text(casts, stop), misses))
     return rows + [(place_text(xy), f"out of reach: {why}", "") for xy, why in tried.beyond]
 
 

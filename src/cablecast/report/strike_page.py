@@ -24,7 +24,7 @@ from cablecast.report.style import (
     svg_uri,
 )
 from cablecast.report.tables import flatten_settings
-from cablecast.report.words import verdict_text
+from cablecast.report.words import chance_text, miss_text, verdict_text
 from cablecast.setup import Setup
 
 if TYPE_CHECKING:
@@ -121,14 +121,13 @@ def strike_page(
         facts: Sentences about the cable and where it can be.
     """
     plane = SwingPlane.of(JointMoves.of(setup))
-    length = setup.cable.length
     rows = [
         (
             plane_text(cast.target_xy, plane),
             str(cast.try_number),
             str(cast.action),
-            f"{100 * cast.proposal.hit_chance:.0f} %",
-            f"{cast.miss_pct * length:.1f} cm",
+            chance_text(cast.proposal.hit_chance),
+            miss_text(cast),
             "hit" if cast.hit else "missed",
         )
         for casts in tries

@@ -42,6 +42,19 @@ def place_text(xy: NDArray[np.float64]) -> str:
     return f"{r:.2f} m, {math.degrees(theta):.0f}°"
 
 
+def miss_text(cast: Cast) -> str:
+    """Return how far an aimed cast came from its goal, or why it has no outcome.
+
+    >>> from cablecast.cast import EndpointTrack, TrialStatus
+    >>> unseen = EndpointTrack.unseen(TrialStatus.OFF_TABLE)
+    >>> miss_text(Cast(action=None, duration=1.0, joint_path=None, track=unseen, purpose="aim"))
+    'off table'
+    """
+    if cast.goal is None or not math.isfinite(cast.miss_pct):
+        return cast.status.code.replace("_", " ")
+    return f"{cast.miss_pct * cast.goal.setup.cable.length:.1f} cm"
+
+
 def verdict_text(tries: Sequence[Sequence[Cast]], beyond_count: int = 0) -> str:
     """Return how many targets were hit, and what became of the others.
 

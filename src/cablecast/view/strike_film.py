@@ -1,5 +1,6 @@
 """Films of strikes, from the side: the plane of the swing with arm, stick, cable and target."""
 
+import math
 import pathlib
 from collections.abc import Sequence
 
@@ -14,6 +15,7 @@ from cablecast.motion.joint_move import JointMoves, SwingPlane, swing_shape
 from cablecast.motion.trajectory import joints_at
 from cablecast.pipeline.aim import SESSION_FOLDER
 from cablecast.report.strike_page import plane_text
+from cablecast.report.words import miss_text
 from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
@@ -116,8 +118,8 @@ class _Painter:
             self._dot(pen, self.plane.coordinates(cast.outcome)[:2], BLUE if cast.hit else GREY)
         words = f"{plane_text(cast.target_xy, self.plane)}, try {cast.try_number}"
         if over:
-            miss = cast.miss_pct * self.setup.cable.length
-            words += f": {'hit' if cast.hit else 'missed'}, {miss:.1f} cm off"
+            verdict = "hit: " if cast.hit else ""
+            words += f", {verdict}{miss_text(cast)}" + " off" * math.isfinite(cast.miss_pct)
         font = ImageFont.load_default(size=_SAMPLES * max(12, height // 30))
         pen.text((_SAMPLES * width / 2, _SAMPLES * height * 0.95), words, INK, font, anchor="mm")
         return image.resize(self.size, Image.Resampling.BOX)
