@@ -232,13 +232,16 @@ def test_what_the_last_step_cannot_do_is_refused_before_the_first(verb, table, w
 
 def test_a_target_that_no_believed_cable_reaches_is_a_miss_and_no_error(lab, capsys, monkeypatch):
     nowhere = np.zeros((6, 1, 2))
-    found = LabCheck(setup=Setup(), landing_xy=nowhere, leaving_xy=nowhere)
+    found = LabCheck(setup=Setup(), landing_xy=nowhere, leaving_xy=nowhere[0])
     monkeypatch.setattr("cablecast.pipeline.check.check", lambda *_, **__: found)
     assert main(["aim", "--target", "1.05", "10", *lab.rig]) == 3
     printed = capsys.readouterr().out
     assert "out of reach: " in printed
-    assert "no target is within reach. No change that was tried helps" in printed
+    assert "no target is within reach. No change that was tried reaches clearly more" in printed
     assert lab.events == []
+    # A check says so, too: it counted the changes before.
+    assert main(["check", "--target", "1.05", "10"]) == 0
+    assert "\nNo change that was tried reaches clearly more.\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -270,7 +273,7 @@ def test_a_target_out_of_reach_says_which_number_comes_first(lab, capsys):
 
 def test_a_small_tolerance_is_shown_in_millimetres(lab, monkeypatch):
     nowhere = np.zeros((6, 1, 2))
-    found = LabCheck(setup=Setup(), landing_xy=nowhere, leaving_xy=nowhere)
+    found = LabCheck(setup=Setup(), landing_xy=nowhere, leaving_xy=nowhere[0])
     monkeypatch.setattr("cablecast.pipeline.check.check", lambda *_, **__: found)
     with pytest.warns(UserWarning, match="0.2 mm: for 3 % give --within-pct 3"):
         main(["aim", "--target", "1.05", "10", "--within-pct", "0.03", *lab.rig])

@@ -41,7 +41,7 @@ class Check(TargetOptions):
         """Check, print what was found, and return the exit status."""
         from cablecast.cli.options import load_lab, polar_text
         from cablecast.cli.progress import console_progress
-        from cablecast.pipeline.check import PICTURE_FILE, check
+        from cablecast.pipeline.check import PICTURE_FILE, check, remedy
         from cablecast.runs.places import CHECK_FOLDER, cable_folder
 
         setup = load_lab(self.setup, self.cable, self.task, v_max=self.v_max, r0=self.r0)
@@ -58,8 +58,7 @@ class Check(TargetOptions):
             print(f"  {limit}")
         for xy in places:
             print(f"target   {polar_text(xy)}\n         {found.words_at(xy)}")
-        if found.changes:
-            print("Simulated casts reach more with")
+        print("Simulated casts reach more with" if found.changes else f"{remedy(())}.")
         for change in found.changes:
             print(f"  {change}")
         if any(change.kind in ("r0", "v_max") for change in found.changes):

@@ -298,13 +298,15 @@ def reach_map(
     rest = setup.workspace.reset_y + np.array([0.0, setup.cable.length])
     axes.plot([0.0, 0.0], rest, color=VERMILLION, linewidth=1.6, zorder=3)
     style: dict[str, Any] = {"color": VERMILLION, "fontsize": 8, "halo": 2.2, "zorder": 5}
-    annotate(axes, "cable after a reset", (0.0, rest.mean()), (5, 0), **style)
+    # Along the cable, on the side on which targets have no labels.
+    style |= {"rotation": 90, "ha": "right", "va": "bottom"}
+    annotate(axes, "cable after a reset", (0.0, rest[0]), (-3, 0), **style)
     for target in target_xy:
         axes.plot(*target, "o", color="white", markeredgecolor=INK, markersize=8, zorder=6)
         axes.plot(*target, "o", color=INK, markersize=2.5, zorder=6)
         style = {"color": INK, "fontsize": 8, "halo": 2.2, "zorder": 6}
         annotate(axes, place_text(target), target, (7, 5), **style)
-    label = "share of what the cable may be whose casts reach a place [%]"
+    label = "cables that this may be whose casts reach a place [%]"
     draw_color_bar(figure, axes, scale, label, shrink=0.6, aspect=26, pad=0.01)
     return figure
 
