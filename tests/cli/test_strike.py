@@ -77,7 +77,8 @@ def test_a_target_that_no_swing_reaches_is_said_at_once_with_the_nearest_that_on
 def test_a_check_says_what_can_be_struck_without_a_rig(lab, capsys):
     places = ["--target", "1.2", "0.9", "--target", "3", "0.9"]
     assert main(["check", "--task", "strike", *places]) == 3
-    said = capsys.readouterr().out
+    said, progress = capsys.readouterr()
+    assert "Simulating 64 swings of each cable that this may be: 6 of 6 cables" in progress
     assert "swings of this cable pass" in said
     assert "1.20 m ahead, 0.90 m high\n         a swing passes there" in said
     assert "cannot be struck" in said

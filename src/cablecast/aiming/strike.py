@@ -90,6 +90,7 @@ class StrikePrior:
         checked: bool = True,
         move_count: int = MOVE_COUNT,
         cable_count: int = CABLE_COUNT,
+        on_cable: Callable[[int], object] = lambda done: None,
     ) -> "StrikePrior":
         """Simulate cables drawn from what is believed.
 
@@ -100,6 +101,7 @@ class StrikePrior:
             checked: Whether only moves count that the arm can make without meeting itself.
             move_count: Number of moves before this check.
             cable_count: Number of cables.
+            on_cable: Told how many cables are simulated, from 0 on.
         """
         from scipy.stats import qmc
 
@@ -110,11 +112,13 @@ class StrikePrior:
         motion = model.motion(units)
         cables = belief.cables(belief.draw(cable_count, rng))
         rows, tips = np.arange(len(units)), []
-        for cable in cables:
+        for done, cable in enumerate(cables):
+            on_cable(done)
             swings = model.play(motion, cable, nodes=True)
             tip = swings.tip.astype(np.float32)
             tip[np.arange(tip.shape[1]) >= swings.contacts(rows)[:, None]] = np.nan
             tips.append(tip)
+        on_cable(len(cables))
         return cls(model=model, belief=belief, units=units, tips=np.stack(tips), checked=checked)
 
     def misses(self, goal: ArrayLike) -> Array:

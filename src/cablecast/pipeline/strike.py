@@ -84,7 +84,7 @@ def _prior(
 ) -> StrikePrior:
     """Return the simulated swings of believed cables, which the folder keeps."""
     model, belief = swing_model(setup), TipBelief.of(setup.cable)
-    task = f"Simulating {move_count} swings of {cable_count} cables that this may be"
+    task = f"Simulating {move_count} swings of each cable that this may be"
     made_of = [setup.to_settings(), seed, move_count, cable_count, cablecast.__version__]
     key, file = fingerprint(made_of), None if folder is None else folder / PRIOR_FILE
     if file is not None and file.is_file():
@@ -97,9 +97,15 @@ def _prior(
         except (OSError, ValueError, KeyError):
             # It is simulated anew.
             pass
-    progress(Progress(task=task))
     prior = StrikePrior.simulate(
-        model, belief, seed, move_count=move_count, cable_count=cable_count
+        model,
+        belief,
+        seed,
+        move_count=move_count,
+        cable_count=cable_count,
+        on_cable=lambda done: progress(
+            Progress(task=task, done=done, total=cable_count, unit="cables")
+        ),
     )
     if not len(prior.units):
         raise InputError(
@@ -170,7 +176,7 @@ class StrikeCheck:
         misses = np.sort(self.prior.misses(goal.value))
         return (
             "a swing passes there; the best first try misses by "
-            f"{100 * misses[0]:.0f} cm on average over what this cable may be"
+            f"{100 * misses[0]:.1f} cm on average over what this cable may be"
         )
 
 
