@@ -26,7 +26,8 @@ import numpy as np
 from benchmarks.result import FOLDER, ROOT, Result, Table, quoted, show
 from cablecast.cable import load_cable
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
-from cablecast.files import read_text, write_bytes, write_text
+from cablecast.files import read_json, read_text, write_bytes, write_json, write_text
+from cablecast.pipeline.check import OUTLOOK_FILE
 from cablecast.runs.progress import duration_text
 
 PAGES = ("README.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").glob("*.md")))
@@ -512,8 +513,26 @@ def signature(path: pathlib.Path) -> str:
         return str(picture.info.get("Result", ""))
 
 
+def outlook_values(result: Result) -> dict[str, dict[str, Any]]:
+    """Return the outlooks that `check` states, by whether calm casts reach a target."""
+    found = {}
+    for name, reached_by in (("calm", "calm casts"), ("wild", "fast casts only")):
+        rows = [
+            row for row in result.table("Hits within").records() if row["reached by"] == reached_by
+        ]
+        found[name] = {
+            "count": rows[0]["targets"],
+            "hit": [round(row["hit"] / 100.0, 3) for row in rows],
+            "floor": round(rows[0]["floor"] / 100.0, 4),
+        }
+    return found
+
+
 def write_pages() -> int:
-    """Write every page and figure that differs from its results."""
+    """Write every page, figure and outlook that differs from its results."""
+    if (values := outlook_values(quoted("five-casts"))) != read_json(OUTLOOK_FILE):
+        write_json(OUTLOOK_FILE, values)
+        print(f"written: {OUTLOOK_FILE.relative_to(ROOT)}")
     for page in PAGES:
         text = read_text(ROOT / page)
         if (now := rendered(text)) != text:

@@ -5,7 +5,7 @@ import functools
 import math
 import os
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import SEED_MAX, InputError, check_argument_types, check_seed
 from cablecast.evaluation.coverage import R0_CHOICES
-from cablecast.files import write_bytes
+from cablecast.files import read_json, write_bytes
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import (
     check_actions,
@@ -36,6 +36,9 @@ from cablecast.tuning.tuned import Tuned
 
 PICTURE_FILE = "check.png"
 """Picture of the places that casts reach."""
+
+OUTLOOK_FILE = pathlib.Path(__file__).with_name("outlook.json")
+"""Outlooks for targets, which `python -m benchmarks pages` writes from the casts of a benchmark."""
 
 REACH_GAP = 0.08
 """A place counts as reached if one of 400 simulated casts comes to rest within this distance [m].
@@ -77,7 +80,7 @@ class Outlook:
     """
 
     count: int
-    hit: tuple[float, float, float, float]
+    hit: Sequence[float]
     floor: float
 
     def words(self, length: float) -> str:
@@ -90,11 +93,14 @@ class Outlook:
         )
 
 
-CALM = Outlook(count=109, hit=(0.670, 0.899, 0.945, 0.972), floor=0.0020)
-"""Outlook for targets that a slow or a polar cast reaches."""
+@functools.cache
+def outlooks() -> dict[str, Outlook]:
+    """Return what to expect of targets that a slow or a polar cast reaches, and of others.
 
-WILD = Outlook(count=26, hit=(0.115, 0.385, 0.615, 0.692), floor=0.0132)
-"""Outlook for targets that only fast casts reach."""
+    Returns:
+        The outlooks "calm" and "wild".
+    """
+    return {name: Outlook(**values) for name, values in read_json(OUTLOOK_FILE).items()}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -174,7 +180,7 @@ class LabCheck:
         if reached:
             lands = f"simulated casts land there for {reached} of {count} cables that this may be"
             if self.is_calm(xy):
-                return f"{lands}: {CALM.words(self.setup.cable.length)}"
+                return f"{lands}: {outlooks()['calm'].words(self.setup.cable.length)}"
             return f"{lands}, but {self.wild_words_at(xy)}"
         where = _nearest_words(xy, self.landing_xy.reshape(-1, 2))
         return f"no simulated cast of what this cable may be lands there: the nearest is {where}"
@@ -187,8 +193,8 @@ class LabCheck:
         """Return what to expect at a place [m], shape [2], that no calm cast reaches."""
         near = _nearest_words(xy, self.calm_xy) if len(self.calm_xy) else "nowhere"
         return (
-            f"only fast ones: {WILD.words(self.setup.cable.length)}. The nearest landing of a calm "
-            f"cast is {near}"
+            f"only fast ones: {outlooks()['wild'].words(self.setup.cable.length)}. The nearest "
+            f"landing of a calm cast is {near}"
         )
 
     @property
