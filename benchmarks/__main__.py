@@ -92,7 +92,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "stability": ("stability", 0.25),
     "mocap": ("mocap --data DIR --sets 1", 0.2),
     "light": ("light", 0.5),
-    "irp": ("irp --goals 12", 0.7),
+    "irp": ("irp --goals 25", 1.4),
     "arrival": ("arrival", 0.05),
     "strike": ("strike --targets 34", 1.0),
     "irp-rows": ("irp --rows image noise fit prior impulse --goals 1 --tries 6", 0.3),
