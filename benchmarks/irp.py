@@ -358,9 +358,8 @@ def draw(rows: Iterable[Mapping[str, Any]]) -> bytes:
                 color = f"C{number}"
                 axis.fill_between(tries, low, high, color=color, alpha=0.15, linewidth=0)
                 published = method.startswith("published")
-                axis.plot(
-                    tries, middle, color=color, linestyle="--" if published else "-", label=method
-                )
+                label, dashes = (method, "--") if published else (f"cablecast: {method}", "-")
+                axis.plot(tries, middle, color=color, linestyle=dashes, label=label)
             axis.set(title=kind, xlabel="try", yscale="log")
             axis.grid(axis="y", color=style.FAINT)
         axes[0].set(ylabel="mean error by the pixel metric [cm]")
