@@ -80,13 +80,15 @@ class TargetOptions:
 
         from cablecast.task import LANDING
 
+        # A target that is given twice counts once.
+        polar, cartesian = dict.fromkeys(self.target), dict.fromkeys(self.target_xy)
         try:
-            found = [LANDING.values(setup, r=r, theta_deg=theta) for r, theta in self.target]
+            found = [LANDING.values(setup, r=r, theta_deg=theta) for r, theta in polar]
         except TargetError as error:
             raise TargetError(
                 f"{error} (--target takes r first, in m, then theta in deg)"
             ) from None
-        found += [LANDING.values(setup, xy) for xy in self.target_xy]
+        found += [LANDING.values(setup, xy) for xy in cartesian]
         if most is not None and len(found) > most:
             raise InputError(f"{len(found)} targets are given: it takes {most}")
         return np.concatenate([np.zeros((0, 2)), *found])

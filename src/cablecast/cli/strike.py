@@ -26,7 +26,7 @@ def strike_targets(options: Any) -> Array:
         raise InputError(
             "a strike takes --target AHEAD HEIGHT, in the plane of the swing, not --target-xy"
         )
-    return np.array(options.target, dtype=float).reshape(-1, 2)
+    return np.array(list(dict.fromkeys(options.target)), dtype=float).reshape(-1, 2)
 
 
 def aim_strike(options: Any, setup: Setup) -> int:

@@ -30,6 +30,7 @@ from cablecast.report.words import (
 )
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import ignore
+from cablecast.task import Goal
 
 EXIT_MISSED = 3
 
@@ -74,6 +75,9 @@ class Tries(abc.ABC, Generic[Session]):
 
     def cast_at(self, rig: CheckedRig, targets: Array) -> AimResult:
         """Cast at targets, shape [target, k], and print every cast."""
+        for goal in self.session.goals(targets):
+            if self.session.is_done(goal.value):
+                self.print_done(goal)
         return aim(
             self.session,
             rig,
@@ -88,6 +92,14 @@ class Tries(abc.ABC, Generic[Session]):
     def _print_target(self, proposal: Proposal) -> None:
         if proposal.try_number == 1:
             print(f"\ntarget    {self.place(proposal.goal.value)}")
+
+    def print_done(self, goal: Goal) -> None:
+        """Print why no cast at a goal is made: it was hit, or its tries are used."""
+        casts = self.session.casts_at(goal.value)
+        hits = [cast.try_number for cast in casts if cast.hit]
+        why = "its only try was" if len(casts) == 1 else f"all {len(casts)} tries were"
+        why = f"hit before, by try {hits[0]}" if hits else f"{why} made before (--tries)"
+        print(f"\ntarget    {self.place(goal.value)}\n          {why}", flush=True)
 
     def _print_proposal(self, proposal: Proposal) -> None:
         self._print_target(proposal)
@@ -168,7 +180,11 @@ class TableTries(Tries[AimSession]):
     def expected(self, proposal: Proposal) -> list[str]:
         """Return the chances of a hit, how far off it will land, and what may go wrong."""
         tries, failure = self.session.config.tries, 100 * proposal.expected.failure
-        lines = [hit_text(proposal, tries), distance_text(proposal), floor_text(proposal)]
+        lines = [
+            hit_text(proposal, tries),
+            distance_text(proposal),
+            floor_text(proposal.expected.scatter),
+        ]
         lost = f"{failure:.0f} % chance that it is hidden or off the table"
         return lines + [lost] * (failure > 10)
 

@@ -103,13 +103,13 @@ def distance_text(proposal: Proposal) -> str:
     """Return how far from its target a cast will land: half of such casts, and nine of ten."""
     goal, length = proposal.goal, proposal.setup.cable.length
     half, most = (100.0 * length * proposal.expected.miss_within(goal, p) for p in (0.5, 0.9))
-    return f"most likely {half:.1f} cm off the target, nine of ten within {most:.0f} cm"
+    return f"most likely {half:.1f} cm off the target, nine of ten within {most:.1f} cm"
 
 
-def floor_text(proposal: Proposal) -> str:
-    """Return how far apart equal casts land, which no correction changes."""
+def floor_text(scatter: float) -> str:
+    """Return how far apart equal casts of some deviation [m] land, which no correction changes."""
     # Half of the draws of a round normal distribution lie within this multiple of its deviation.
-    floor = 100.0 * proposal.expected.scatter * math.sqrt(2.0 * math.log(2.0))
+    floor = 100.0 * scatter * math.sqrt(2.0 * math.log(2.0))
     return f"equal casts land about {floor:.1f} cm from their middle"
 
 
@@ -150,7 +150,7 @@ def stop_text(stop: Stop) -> str:
     if stop.reason is StopReason.STUCK and stop.is_simulated:
         return (
             f"none of the last {STUCK_COUNT} casts has a landing, though a simulated one lands "
-            f"{miss:.0f} cm off the target"
+            f"{miss:.1f} cm off the target"
         )
     if stop.reason is StopReason.STUCK:
         why = f"none of the last {STUCK_COUNT} casts came nearer"
@@ -163,7 +163,7 @@ def stop_text(stop: Stop) -> str:
     r, theta = xy_to_polar(stop.nearest)
     return (
         f"{why}; the nearest landing of a {'simulated ' * stop.is_simulated}cast is "
-        f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {miss:.0f} cm off the target"
+        f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {miss:.1f} cm off the target"
     )
 
 
@@ -255,5 +255,5 @@ def change_text(cast: Cast, session: AimSession) -> str:
     predictor = session.predictor if done else session.predictor_at(cast.target_xy)
     xy, scatter = predictor.moved(cast)
     moved = 100.0 * (xy - cast.expected_xy)
-    text = f"{note}{moved_text(moved)}; equal casts scatter by {100.0 * scatter:.1f} cm"
+    text = f"{note}{moved_text(moved)}; {floor_text(scatter)}"
     return f"{text}. {DRIFT_NOTE}" if session.drifted else text
