@@ -618,7 +618,10 @@ def call_within(limit: float | None, what: str, call: Callable[[], Answer]) -> A
             fired = True
             raise _TimeIsUp
 
-    too_long = RigError(f"{what} took longer than its time limit of {limit:g} s")
+    too_long = RigError(
+        f"{what} took longer than its time limit of {limit:g} s; --time-limit (time_limit of "
+        "make_rig) allows more"
+    )
     grace = min(max(limit, _GRACE_MIN), _GRACE_MAX)
     start = time.monotonic()
     handler_before = signal.signal(signal.SIGALRM, interrupt)
