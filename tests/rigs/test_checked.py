@@ -264,7 +264,9 @@ def test_a_rig_within_a_rig_leaves_the_outer_limit_in_force(make, small_cast):
 
     rig = make(OddRig(execute=outer), time_limit=SHORT)
     rig.reset()
-    with pytest.raises(RigError, match=r"execute took longer than its time limit of 0\.3 s; --time-limit"):
+    with pytest.raises(
+        RigError, match=r"execute took longer than its time limit of 0\.3 s; --time-limit"
+    ):
         rig.execute(small_cast)
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
 

@@ -60,6 +60,7 @@ def test_point_cast_correct_replay_undo(page, drawn):
     page.aim(TARGET)
     assert desk.message == ""
     assert desk.phase is Phase.PLANNED
+    assert [field.value for field in page._target_fields] == [1.188, 14.6]
     page.cast()
     page.worker.drain()
     assert page.worker.state.message == ""

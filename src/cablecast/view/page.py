@@ -3,6 +3,7 @@
 import collections
 import dataclasses
 import functools
+import math
 import os
 import pathlib
 import tempfile
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.aiming.config import AimConfig
 from cablecast.cable import PARAMS, CableParams
 from cablecast.cast import Cast, EndpointTrack
-from cablecast.conventions import polar_to_xy
+from cablecast.conventions import polar_to_xy, xy_to_polar
 from cablecast.errors import CablecastError, InputError
 from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
@@ -290,6 +291,11 @@ class Page:
 
     def _show_plan(self, preview: Preview) -> None:
         self._mark(preview.proposal.goal.value)
+        # The fields follow a click: a person may move the target a little from there.
+        r, theta = xy_to_polar(preview.proposal.goal.value)
+        polar = round(float(r), 3), round(math.degrees(theta), 1)
+        for field, value in zip(self._target_fields, polar, strict=True):
+            update(field, value=value)
         self.stage.table.expectation(preview.proposal)
         casts = {"plan": preview.cast, "measured": preview.cast.start}
         self.stage.play(casts, rounds=_ROUNDS)
@@ -386,6 +392,7 @@ class Page:
             gui.add_button("Plan", color=SLATE).on_click(
                 lambda _: self.aim_polar(r.value, theta.value)
             )
+        self._target_fields = r, theta
         tries = gui.add_folder("Tries")
         with tries:
             table = gui.add_markdown("")
