@@ -127,6 +127,7 @@ def test_every_try_is_in_the_report(kind):
         page = aim_page(Tried(session=session, every=every, stops=[None]), CONFIG)
         assert [row["status"] for row in trial_rows(every)].count("occluded") == 1
     text = re.sub(r"<[^>]*>|data:[^\"]*", " ", re.sub(r"<script.*?</script>", "", page, flags=re.S))
+    text = text.replace("\u00a0", " ")
     assert "1 of 1 targets were hit" in text
     assert "20.0 cm" in text
     assert "occluded" in text

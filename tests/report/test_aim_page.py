@@ -97,7 +97,7 @@ def test_the_page_says_first_how_many_of_the_targets_that_were_asked_for_are_hit
     lead = re.search(r'<p class="lead">(.*?)</p>', page, re.S).group(1)
     words = "<b>1 of 5 targets were hit; 2 were missed, 1 was not cast at, 1 is out of reach.</b>"
     assert lead.startswith(words)
-    assert "within 3 % of\nthe cable's length of 0.62 m, 1.9 cm, from the target" in lead
+    assert "within\n1.9 cm of the target, 3 % of the cable's length of 0.62 m." in lead
     assert (
         "5<small> of 6</small></b><span>casts at these targets came to rest on the table; 1 off"
         in page
@@ -105,7 +105,7 @@ def test_the_page_says_first_how_many_of_the_targets_that_were_asked_for_are_hit
 
 
 def test_each_target_says_what_came_of_it_and_how_far_each_try_missed(page):
-    assert "<td>hit at try 2</td><td>5.0 cm, 1.0 cm</td>" in page
+    assert "<td>hit at try 2</td><td>5.0\u00a0cm, 1.0\u00a0cm</td>" in page
     assert "<td>left after 3 tries: " in page
     assert "<td>left after one try: " in page
     assert "<td>not cast at: " in page

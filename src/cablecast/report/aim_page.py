@@ -134,7 +134,8 @@ def _target_rows(tried: Tried) -> list[tuple[str, str, str]]:
     """Return each target, its outcome, and the miss of each try."""
     rows = []
     for xy, casts, stop in zip(tried.every.target_xy, tried.tries, tried.stops, strict=True):
-        misses = ", ".join(map(miss_text, casts))
+        # A number and its unit stay on one line.
+        misses = ", ".join(miss_text(cast).replace(" ", "\u00a0") for cast in casts)
         rows.append((place_text(xy), _outcome_text(casts, stop), misses))
     return rows + [(place_text(xy), f"out of reach: {why}", "") for xy, why in tried.beyond]
 

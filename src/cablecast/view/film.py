@@ -242,7 +242,9 @@ class Painter:
         if text:
             place = (self._view.lens.width / 2, self._view.lens.height * 0.94)
             font = ImageFont.load_default(size=_SAMPLES * max(12, self.size[1] // 30))
-            pen.text(place, text, fill=INK, font=font, anchor="mm")
+            # The arm of a polar cast reaches behind it.
+            rim: dict[str, Any] = {"stroke_width": 2 * _SAMPLES, "stroke_fill": WHITE}
+            pen.text(place, text, fill=INK, font=font, anchor="mm", **rim)
 
     def _depth(self, points: Array) -> Array:
         """Return the distances of points along the view [m], shape [...]."""
