@@ -28,7 +28,8 @@ def twin(request, make_twin):
     process, setup = make_twin(
         model=ARMS[name], generation=name, has_cable=False, rate=20.0, patience=0.0
     )
-    return name, process, setup
+    yield name, process, setup
+    process.close()
 
 
 def make(process, fault):
