@@ -111,7 +111,9 @@ def task(request):
 def casts(task, tmp_path_factory):
     folder = tmp_path_factory.mktemp(task.name) / "casts"
     engine = cc.EngineWarp(**COARSE)
-    return simulate_dataset(folder, SETUP, None, engine, count=CAST_COUNT, ranges=ranges(), task=task)
+    return simulate_dataset(
+        folder, SETUP, None, engine, count=CAST_COUNT, ranges=ranges(), task=task
+    )
 
 
 @pytest.fixture(scope="module")

@@ -134,6 +134,9 @@ def test_equal_casts_that_land_apart_are_told_to_scatter_and_are_followed_less(l
     calm, wild = after([0.05, 0.052, 0.048]), after([0.05, 0.15, -0.02])
     assert calm.expectation(cast).scatter < landings.expectation(cast).scatter
     assert wild.expectation(cast).scatter > 3.0 * calm.expectation(cast).scatter
+    # Nothing else is left to be known of a cast that was made three times.
+    known = calm.expectation(cast)
+    assert np.sqrt(0.5 * np.trace(known.covariance)) < 1.5 * known.scatter
     # What the next lands off by is luck, for the most part.
     last = made_at(landings, cast, 0.15 * across, "aim")
     before, later = (one.expectation(cast).mean for one in (wild, wild.with_casts([last])))

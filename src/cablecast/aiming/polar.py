@@ -214,10 +214,11 @@ class PolarLandings:
         length, axes = self.setup.cable.length, self._axes(cast)
         errors, sways = self._sizes
         alone = self._covariances([cast], [cast])[:, 0, 0]
-        kernel = self._covariances([cast], self._actions)[:, 0]
-        gains = errors[:, None, None] ** 2 * np.einsum("sanm,am->san", self._inverses, kernel)
+        squares = errors[:, None, None] ** 2
+        kernels = squares * self._covariances([cast], self._actions)[:, 0]
+        gains = np.einsum("sanm,sam->san", self._inverses, kernels)
         means = np.einsum("san,na->sa", gains, self._errors)
-        left = np.maximum(errors[:, None] ** 2 * alone - np.einsum("san,an->sa", gains, kernel), 0)
+        left = np.maximum(squares[:, 0] * alone - np.sum(gains * kernels, axis=2), 0.0)
         mean, left = self._weights @ means, self._weights @ (left + means**2)
         noise = self._weights @ self._noise([cast], sways)[:, :, 0]
         covariance = length**2 * axes.T @ np.diag(left - mean**2 + noise) @ axes
