@@ -14,7 +14,7 @@ from cablecast.motion.casting import Action
 from cablecast.motion.families import MOTIONS
 from cablecast.motion.joint_move import JointMove, JointMoves
 from cablecast.motion.polar import PolarCast, PullReach
-from cablecast.motion.trajectory import plan_trajectory
+from cablecast.motion.trajectory import joints_at, plan_trajectory
 from cablecast.report.aim_page import Tried, aim_page
 from cablecast.report.strike_page import strike_page
 from cablecast.report.words import distance_text, hit_text, miss_text, motion_text, reason_text
@@ -22,7 +22,7 @@ from cablecast.setup import Setup, StrikeConfig
 from cablecast.task import LANDING, STRIKE, Expectation
 from cablecast.view.film import FilmConfig, write_film
 from cablecast.view.look import Shot, ShownCast
-from cablecast.view.strike_film import write_strike_film
+from cablecast.view.strike_film import _Painter, write_strike_film
 
 TABLE, AIR = Setup(), Setup(strike=StrikeConfig())
 PLACE = np.array([0.2, 1.0])
@@ -144,3 +144,13 @@ def test_every_try_is_filmed(kind, ending, tmp_path):
         shots = [Shot(cast=ShownCast.of_cast(cast), target_xy=PLACE) for cast in casts]
         write_film(path, TABLE, shots, SMALL)
     assert path.stat().st_size
+
+
+def test_a_film_of_swings_shows_the_arm_wherever_it_goes():
+    _, casts = casts_of(JointMove)
+    painter = _Painter(casts, SMALL)
+    for cast in casts:
+        for time in cast.track.times:
+            pixels = painter._pixels(painter._arm(joints_at(cast.joint_path, [time])[0]))
+            assert np.all(pixels > 0)
+            assert np.all(pixels < np.array(painter.size) * [2, 2])

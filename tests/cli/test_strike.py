@@ -74,6 +74,29 @@ def test_a_target_that_no_swing_reaches_is_said_at_once_with_the_nearest_that_on
     assert not swings(lab)
 
 
+def test_a_target_that_cannot_be_struck_counts_among_those_that_were_asked_for(lab, capsys):
+    places = ["--target", "1.2", "0.9", "--target", "3", "0.9"]
+    assert main([*AIM, *places, "--tries", "1"]) == 3
+    words = "of 2 targets were hit"
+    assert words in capsys.readouterr().out
+    page = (lab / "out" / "report" / "report.html").read_text()
+    assert words in page
+    assert "1 is out of reach" in page
+    assert "Target 3.00 m ahead, 0.90 m high cannot be struck" in page
+
+
+@pytest.mark.parametrize("verb", ["check", "aim"])
+def test_a_cable_that_hangs_onto_the_floor_is_refused_before_any_swing(lab, capsys, verb):
+    rope = "cable: {name: rope, length: 0.9, diameter: 0.006, mass: 0.04}\n"
+    (lab / "lab.yaml").write_text(rope + LAB)
+    words = ["--setup", "lab.yaml", "--target", "1.2", "0.9"]
+    assert main([verb, *words]) == 2
+    said = capsys.readouterr().err
+    assert "rope of 0.90 m hangs onto the floor: the stick ends 0.90 m above it" in said
+    (lab / "lab.yaml").write_text(rope + "strike: {watch_time: 1.4, floor: -1.4}\n")
+    assert main(["check", *words]) == 0
+
+
 def test_a_check_says_what_can_be_struck_without_a_rig(lab, capsys):
     places = ["--target", "1.2", "0.9", "--target", "3", "0.9"]
     assert main(["check", "--task", "strike", *places]) == 3

@@ -49,19 +49,20 @@ def aim_strike(options: Any, setup: Setup) -> int:
         print(f"{swings} of {setup.cable.name} {'is' if known == 1 else 'are'} known")
         envelope = move_envelope(setup, session.prior.units)
         print(f"{envelope_text(*envelope)}: keep people and things out of it")
-        chosen = np.ones(len(places), dtype=bool)
+        chosen, refusals = np.ones(len(places), dtype=bool), []
         for number, goal in enumerate(session.goals(places)):
             try:
                 check_reach(session.prior, goal, session.plane)
             except TargetError as error:
                 chosen[number] = config.force
+                refusals += [str(error)] * (not config.force)
                 print(f"{error} (--force swings all the same)", flush=True)
         if not chosen.any():
             return EXIT_MISSED
         tries = StrikeTries(session)
         result = tries.cast_at(rig, places[chosen])
-        write_strike_report(result, rig, out / REPORT_FOLDER)
-    tries.print_result(result)
+        write_strike_report(result, rig, out / REPORT_FOLDER, refusals)
+    tries.print_result(result, len(refusals))
     print_folder(out, (STRIKE_PICTURE, STRIKE_PAGE))
     return 0 if result.hit.all() and chosen.all() else EXIT_MISSED
 

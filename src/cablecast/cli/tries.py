@@ -22,6 +22,7 @@ from cablecast.report.words import (
     distance_text,
     floor_text,
     hit_text,
+    miss_text,
     motion_text,
     reason_text,
     refit_text,
@@ -155,7 +156,7 @@ class Tries(abc.ABC, Generic[Session]):
 
     def _cell(self, cast: Cast) -> str:
         if not math.isfinite(cast.miss_pct):
-            return cast.status.code
+            return miss_text(cast)
         return f"{cast.miss_pct * self.session.setup.cable.length:.1f}, {cast.miss_pct:.1f} %"
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import io
 import os
 import pathlib
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,7 @@ from cablecast.conventions import Array
 from cablecast.engines.swing import swing_model
 from cablecast.errors import InputError, TargetError, check_argument_types
 from cablecast.files import write_bytes, write_text
-from cablecast.motion.joint_move import SwingPlane
+from cablecast.motion.joint_move import JointMoves, SwingPlane
 from cablecast.pipeline.aim import PRIOR_FILE, SESSION_FOLDER, AimResult, keep_rig
 from cablecast.report.strike_page import (
     STRIKE_PAGE,
@@ -34,6 +35,8 @@ from cablecast.setup import Setup
 from cablecast.task import STRIKE
 from cablecast.tuning.tips import TipBelief
 
+HANG_MARGIN = 0.05
+"""Least height above the floor of a cable that hangs at the start [m]."""
 CHECK_MOVES, CHECK_CABLES = 256, 6
 """Moves and believed cables that a check simulates."""
 
@@ -74,6 +77,20 @@ def prepare_strike(
     return StrikeSession(rig.setup, prior, out=session_folder, config=config)
 
 
+def _check_hangs_free(setup: Setup) -> None:
+    """Refuse a cable that hangs onto the floor at the start, where every swing ends at once."""
+    moves, cable = JointMoves.of(setup), setup.cable
+    root = float(moves.stick.root(moves.arm.frames(np.array(moves.start))[-1])[2])
+    length, floor = cable.length + cable.attachment_length, setup.strike_section.floor
+    if root - length < floor + HANG_MARGIN:
+        raise InputError(
+            f"{cable.name} of {length:.2f} m hangs onto the floor: the stick ends "
+            f"{root - floor:.2f} m above it at the start, which must be {HANG_MARGIN:g} m more "
+            f"than the cable: state the floor where it is (strike.floor = {floor:g} m), start "
+            "higher (strike.start_deg), or take a shorter cable"
+        )
+
+
 def _prior(
     setup: Setup,
     folder: pathlib.Path | None,
@@ -83,6 +100,7 @@ def _prior(
     progress: ProgressCallback,
 ) -> StrikePrior:
     """Return the simulated swings of believed cables, which the folder keeps."""
+    _check_hangs_free(setup)
     model, belief = swing_model(setup), TipBelief.of(setup.cable)
     task = f"Simulating {move_count} swings of each cable that this may be"
     made_of = [setup.to_settings(), seed, move_count, cable_count, cablecast.__version__]
@@ -199,10 +217,21 @@ def check_strike(
     return StrikeCheck(setup=setup, prior=prior, followed=followed)
 
 
-def write_strike_report(result: AimResult, rig: CheckedRig, folder: str | os.PathLike[str]) -> None:
+def write_strike_report(
+    result: AimResult,
+    rig: CheckedRig,
+    folder: str | os.PathLike[str],
+    refusals: Sequence[str] = (),
+) -> None:
     """Write metrics, the picture of the plane of the swing, and the report.
 
     An earlier report in the folder is overwritten.
+
+    Args:
+        result: Targets and tries.
+        rig: Rig of the swings.
+        folder: Folder of the report.
+        refusals: Why each further target cannot be struck.
 
     Raises:
         MissingExtraError: A library that draws is missing.
@@ -212,7 +241,8 @@ def write_strike_report(result: AimResult, rig: CheckedRig, folder: str | os.Pat
         raise InputError("this report is of strikes: write_aim_report is of casts onto a table")
     run, setup = result.report_run(folder, rig), session.setup
     box = envelope_text(*move_envelope(setup, session.prior.units))
-    facts = [f"In the swings of this lab file {box}"]
+    facts = [*(f"{text[:1].upper()}{text[1:]}" for text in refusals)]
+    facts.append(f"In the swings of this lab file {box}")
     if (posterior := session.posterior) is not None:
         facts.append(
             f"The swings tell a cable of {100 * posterior.cable.length:.0f} cm, knot and "
@@ -221,5 +251,7 @@ def write_strike_report(result: AimResult, rig: CheckedRig, folder: str | os.Pat
     with run.locked(replaces=True):
         figure = strike_map(result.casts, setup)
         write_bytes(folder / STRIKE_PICTURE, png_bytes(figure))
-        write_text(folder / STRIKE_PAGE, strike_page(result.casts, setup, run.config, facts))
+        write_text(
+            folder / STRIKE_PAGE, strike_page(result.casts, setup, run.config, facts, len(refusals))
+        )
         run.finish(result.metrics)

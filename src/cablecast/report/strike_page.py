@@ -110,7 +110,11 @@ def _draw_target(axes: "Axes", casts: Sequence[Cast], setup: Setup, plane: Swing
 
 
 def strike_page(
-    tries: Sequence[Sequence[Cast]], setup: Setup, config: Mapping[str, Any], facts: Sequence[str]
+    tries: Sequence[Sequence[Cast]],
+    setup: Setup,
+    config: Mapping[str, Any],
+    facts: Sequence[str],
+    beyond_count: int = 0,
 ) -> str:
     """Return the whole page, with its figure inside.
 
@@ -119,6 +123,7 @@ def strike_page(
         setup: Set-up with a strike section.
         config: Contents of config.json.
         facts: Sentences about the cable and where it can be.
+        beyond_count: Number of further targets that are out of reach.
     """
     plane = SwingPlane.of(JointMoves.of(setup))
     rows = [
@@ -137,7 +142,7 @@ def strike_page(
     return render_template(
         "strike.html",
         cable=setup.cable,
-        verdict=verdict_text(tries),
+        verdict=verdict_text(tries, beyond_count),
         figure=svg_uri(strike_map(tries, setup)),
         facts=facts,
         rows=rows,

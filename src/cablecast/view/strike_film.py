@@ -24,6 +24,7 @@ from cablecast.view.film import CAST_COUNT_MAX, FilmConfig, instants, write_fram
 from cablecast.view.shapes import ARM, BLUE, GREY, INK, SKY, VERMILLION, WHITE, Array, Color
 
 _MARGIN = 0.15  # About arm, targets and paths [m].
+_ARM_TIMES = 16  # Times at which the arm of a cast is looked at to have it in the picture.
 _SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
 _DOT = 0.022  # Radius of the tip, and of a target's inner ring [m].
 
@@ -76,9 +77,11 @@ class _Painter:
         self.setup: Setup = first.setup
         self.moves = JointMoves.of(self.setup)
         self.plane = SwingPlane.of(self.moves)
-        arm = self._arm(np.array(self.moves.start))
-        places = [arm.reshape(-1, 2)]
+        places = [self._arm(np.array(self.moves.start)).reshape(-1, 2)]
         for cast in casts:
+            if (joints := cast.track.joint_path or cast.joint_path) is not None:
+                times = np.linspace(0.0, float(cast.track.times[-1]), _ARM_TIMES)
+                places.append(self._arm(joints_at(joints, times)).reshape(-1, 2))
             path = self.plane.coordinates(cast.track.path)[:, :2]
             places += [path[np.isfinite(path[:, 0])], self._goal(cast)[None]]
         low, high = (extreme(np.concatenate(places), axis=0) for extreme in (np.min, np.max))
@@ -118,8 +121,8 @@ class _Painter:
             self._dot(pen, self.plane.coordinates(cast.outcome)[:2], BLUE if cast.hit else GREY)
         words = f"{plane_text(cast.target_xy, self.plane)}, try {cast.try_number}"
         if over:
-            verdict = "hit: " if cast.hit else ""
-            words += f", {verdict}{miss_text(cast)}" + " off" * math.isfinite(cast.miss_pct)
+            words += f": {'hit, ' * cast.hit}{miss_text(cast)}"
+            words += " off" * math.isfinite(cast.miss_pct)
         font = ImageFont.load_default(size=_SAMPLES * max(12, height // 30))
         pen.text((_SAMPLES * width / 2, _SAMPLES * height * 0.95), words, INK, font, anchor="mm")
         return image.resize(self.size, Image.Resampling.BOX)
