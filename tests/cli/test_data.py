@@ -27,3 +27,20 @@ def test_a_table_becomes_a_dataset_and_a_dataset_a_lerobot_data_set(tmp_path, ca
     monkeypatch.chdir(casts)
     assert main(["export", "."]) == 0
     assert (tmp_path / "casts-lerobot/meta/info.json").is_file()
+
+
+def test_a_folder_of_aim_is_named_by_its_part(tmp_path, capsys):
+    for part in ("calibration", "tune", "dataset", "model"):
+        (tmp_path / "aim" / part).mkdir(parents=True)
+    folder = str(tmp_path / "aim")
+    for words, what, part in (
+        (["export", folder], "its data set", "calibration"),
+        (["export", "cable", "--params", folder], "its fit", "tune"),
+        (["tune", "--dataset", folder], "its casts", "calibration"),
+        (["train", "--dataset", folder], "its dataset", "dataset"),
+        (["plan", "--model", folder, "--target", "1", "0"], "its model", "model"),
+        (["evaluate", "--model", folder], "its model", "model"),
+    ):
+        assert main(words) == 2
+        said = capsys.readouterr().err
+        assert f"is a folder of `cablecast aim`: {what} is in {tmp_path / 'aim' / part}" in said

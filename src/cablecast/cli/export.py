@@ -60,8 +60,11 @@ class Export:
     def _export_casts(self) -> None:
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
+        from cablecast.errors import DatasetError
         from cablecast.pipeline.export import export_dataset
+        from cablecast.runs.places import CALIBRATION_FOLDER, check_not_aim
 
+        check_not_aim(self.dataset, CALIBRATION_FOLDER, "its data set", DatasetError)
         casts = read_dataset(self.dataset)
         # `.` and `..` name a folder without saying its name.
         named = self.dataset if self.dataset.name not in ("", "..") else self.dataset.resolve()

@@ -57,13 +57,12 @@ from cablecast.runs.folder import (
     run_facts,
     settings_differences,
 )
-from cablecast.runs.places import DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
+from cablecast.runs.places import CALIBRATION_FOLDER, DATASET_FOLDER, MODEL_FOLDER, TUNE_FOLDER
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.setup import Setup
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.tuned import PARAMS_FILE, Tuned, load_tuned, write_params
 
-CALIBRATION_FOLDER = "calibration"
 SESSION_FOLDER = "session"
 PRIOR_FILE = "prior.npz"
 """Simulated swings of believed cables, in the folder of a session of strikes."""

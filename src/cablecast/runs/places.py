@@ -4,7 +4,7 @@ import pathlib
 import re
 from typing import Literal
 
-from cablecast.errors import CheckpointError, DatasetError
+from cablecast.errors import CablecastError, CheckpointError, DatasetError
 
 RUNS_FOLDER = pathlib.Path("runs")
 CASTS_FOLDERS = {"tune": "tune-data", "real": "real-data"}
@@ -12,6 +12,7 @@ TUNE_FOLDER = "tune"
 DATASET_FOLDER = "dataset"
 MODEL_FOLDER = "model"
 AIM_FOLDER = "aim"
+CALIBRATION_FOLDER = "calibration"
 STRIKE_FOLDER = "strike"
 SELECT_FOLDER = "select"
 CHECK_FOLDER = "check"
@@ -38,6 +39,20 @@ _INPUTS = {
 }
 
 
+# In a folder of `aim`.
+_AIM_PARTS = {"simulated": DATASET_FOLDER, "model": MODEL_FOLDER}
+
+
+def check_not_aim(folder: pathlib.Path, part: str, what: str, error: type[CablecastError]) -> None:
+    """Refuse a folder of `aim` where a part of it is meant, and name that.
+
+    Raises:
+        CablecastError: It is one; of the type `error`.
+    """
+    if all((folder / name).is_dir() for name in (CALIBRATION_FOLDER, TUNE_FOLDER, part)):
+        raise error(f"{folder} is a folder of `cablecast aim`: {what} is in {folder / part}")
+
+
 def find_input(
     kind: Literal["tune", "real", "simulated", "model"],
     folder: pathlib.Path | None,
@@ -53,6 +68,8 @@ def find_input(
     if folder is not None:
         if not folder.is_dir():
             raise error(f"no {noun} at {folder}: there is no such folder")
+        inner = _AIM_PARTS.get(kind, CALIBRATION_FOLDER)
+        check_not_aim(folder, inner, f"its {noun}", error)
         return folder
     default = cable_folder(cable_name) / name
     if not default.is_dir():

@@ -28,6 +28,7 @@ from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.servo import ServoModel
 from cablecast.runs.folder import fingerprint
+from cablecast.runs.places import TUNE_FOLDER, check_not_aim
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Task
 from cablecast.tuning.ensemble import MEMBER_COUNT, ParamUpdate
@@ -344,6 +345,7 @@ def load_tuned(path: str | pathlib.Path, setup: Setup) -> Tuned:
         UnreadableFileError: The system refuses to read it.
     """
     file = pathlib.Path(path)
+    check_not_aim(file, TUNE_FOLDER, "its fit", InputError)
     file = file / PARAMS_FILE if file.is_dir() else file
     values = _read(file)
     try:
