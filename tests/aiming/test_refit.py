@@ -23,7 +23,15 @@ pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
 
 COARSE = {"segment_count": 6, "dt": 4e-3}
-SEARCH = cc.FitConfig(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)
+SEARCH = cc.FitConfig(
+    start_count=2,
+    coarse_iterations=1,
+    fine_start_count=1,
+    fine_iterations=1,
+    coarse_segment_count=COARSE["segment_count"],
+    coarse_dt=COARSE["dt"],
+    ensemble_iterations=1,
+)
 SMALL = {
     **{"calibration_count": 3, "simulated_count": 120, "candidate_count": 200, "epochs": 2},
     # Simulators are fitted to sweeps.
@@ -44,6 +52,8 @@ COMMAND = (
 def quicken(patch):
     """Let the command line fit and simulate as quickly, too."""
     patch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: QUICK)
+    # Before any cast, simulators are believed ones, as fine as those of a fit.
+    patch.setattr("cablecast.tuning.tuned.FitConfig", lambda: SEARCH)
     patch.setattr("cablecast.aiming.propose._SIMULATED_COUNT", 8)
     patch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
     patch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 12)
