@@ -68,6 +68,9 @@ ERROR_SIZES, SWAY_SIZES = np.geomspace(0.5, 5.0, 7), np.geomspace(0.5, 8.0, 5)
 """Sizes of the simulator's errors and of the sway over the typical ones, all of which are believed
 in part, by the casts that were made: a light cable may not be laid out, or never twice alike."""
 
+SIZES = np.reshape(np.meshgrid(ERROR_SIZES, SWAY_SIZES, indexing="ij"), (2, -1))
+"""All pairs of these, shape [2, size]."""
+
 SIZE_DEVIATIONS = np.array([0.4, 1.2])
 """Standard deviation of the logarithms of these sizes about 0 before any cast."""
 
@@ -212,7 +215,7 @@ class PolarLandings:
             CablecastError: There is no such cast.
         """
         length, axes = self.setup.cable.length, self._axes(cast)
-        errors, sways = self._sizes
+        errors, sways = SIZES
         alone = self._covariances([cast], [cast])[:, 0, 0]
         squares = errors[:, None, None] ** 2
         kernels = squares * self._covariances([cast], self._actions)[:, 0]
@@ -293,14 +296,9 @@ class PolarLandings:
         return self._axes(action) @ offset / self.setup.cable.length
 
     @functools.cached_property
-    def _sizes(self) -> Array:
-        """The sizes that are believed in part, of the errors and of the sway, shape [2, size]."""
-        return np.reshape(np.meshgrid(ERROR_SIZES, SWAY_SIZES, indexing="ij"), (2, -1))
-
-    @functools.cached_property
     def _spreads(self) -> Array:
         """Covariance of the errors that were seen, by the sizes, shape [size, 2, cast, cast]."""
-        errors, sways = self._sizes
+        errors, sways = SIZES
         own = self._covariances(self._actions, self._actions)
         noise = self._noise(self._actions, sways)[..., None] * np.eye(len(self._own))
         return errors[:, None, None, None] ** 2 * own + noise
@@ -315,7 +313,7 @@ class PolarLandings:
         """How much each pair of sizes is believed after these errors, shape [size]."""
         squares = np.einsum("na,sanm,ma->s", self._errors, self._inverses, self._errors)
         squares += np.linalg.slogdet(self._spreads)[1].sum(axis=1)
-        squares += np.sum((np.log(self._sizes) / SIZE_DEVIATIONS[:, None]) ** 2, axis=0)
+        squares += np.sum((np.log(SIZES) / SIZE_DEVIATIONS[:, None]) ** 2, axis=0)
         weights = np.exp(-0.5 * (squares - squares.min()))
         return weights / weights.sum()
 

@@ -17,7 +17,6 @@ from cablecast.data.record import (
 )
 from cablecast.data.schema import INFO_PATH
 from cablecast.engines import make_engine
-from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import DatasetError, InputError, check_argument_types, check_count, check_seed
 from cablecast.motion.action import ActionRanges
 from cablecast.motion.feasibility import ACTION_COUNT_MAX, feasible_ranges
@@ -46,7 +45,6 @@ def collect(
     psi: bool = True,
     pace: tuple[float, float] = (1.0, 1.0),
     seed: int = 0,
-    dynamics: Dynamics | None = None,
     out: str | os.PathLike[str] | None = None,
     progress: ProgressCallback = show,
 ) -> Dataset:
@@ -65,7 +63,6 @@ def collect(
         psi: Whether the wrist turns (the action set A2 of the paper).
         pace: Range of the pace [-]; the paper's alone by default.
         seed: Seed of the actions.
-        dynamics: Fit whose landings are spread over the table; the believed cable if None.
         out: Folder that keeps the casts and lets a stopped run go on; none if None.
         progress: Receives the number of casts done.
 
@@ -78,8 +75,7 @@ def collect(
     setup = rig.setup
     how = sampling or SAMPLINGS[purpose]
     is_finished = out is not None and (pathlib.Path(out) / METRICS_FILE).is_file()
-    # With a fit, casts were made before.
-    if dynamics is None and not is_finished:
+    if not is_finished:
         progress(Progress(task=f"Checking what casts of {setup.cable.name} reach"))
         found = check(setup, changes=False)
         progress(Progress(task=f"Checking {setup.cable.name}", note=found.summary))
@@ -88,7 +84,7 @@ def collect(
     ranges = feasible_ranges(setup, psi, pace)
     given = None
     if how == "spread":
-        given = choose_actions(how, purpose, count, setup, ranges, seed, dynamics)
+        given = choose_actions(how, purpose, count, setup, ranges, seed)
     with folder_or_temporary(out) as folder:
         dataset = collect_dataset(
             folder,
@@ -139,7 +135,6 @@ def choose_actions(
     setup: Setup,
     ranges: ActionRanges,
     seed: int,
-    dynamics: Dynamics | None = None,
 ) -> NDArray[np.float64]:
     """Return the actions of a collection, in the order in which they are made, shape [action, 5].
 
@@ -151,4 +146,4 @@ def choose_actions(
         return sample_actions(sampling, count, setup, seed, ranges)
     coarse = FitConfig()
     engine = make_engine("warp", coarse.coarse_segment_count, coarse.coarse_dt)
-    return spread_actions(setup, count, engine, ranges, seed, dynamics)
+    return spread_actions(setup, count, engine, ranges, seed)

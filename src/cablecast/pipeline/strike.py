@@ -241,7 +241,7 @@ def write_strike_report(
         raise InputError("this report is of strikes: write_aim_report is of casts onto a table")
     run, setup = result.report_run(folder, rig), session.setup
     box = envelope_text(*move_envelope(setup, session.prior.units))
-    facts = [*(f"{text[:1].upper()}{text[1:]}" for text in refusals)]
+    facts = [f"{text[:1].upper()}{text[1:]}" for text in refusals]
     facts.append(f"In the swings of this lab file {box}")
     if (posterior := session.posterior) is not None:
         facts.append(

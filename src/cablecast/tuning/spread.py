@@ -38,12 +38,11 @@ def spread_actions(
     engine: Engine,
     ranges: ActionRanges | None = None,
     seed: int = 0,
-    dynamics: Dynamics | None = None,
 ) -> NDArray[np.float64]:
     """Choose actions whose simulated landings are spread over the table, shape [count, 5].
 
     They go to the right and to the left by turns, and are from ranges that suit the set-up where
-    none are given. The landings are those of the believed cable where no dynamics are given.
+    none are given. The landings are those of the believed cable.
 
     Raises:
         InputError: Too few actions stay on the table, or the seed is out of bounds.
@@ -51,8 +50,8 @@ def spread_actions(
     pool = feasible_uniform(max(_POOL_COUNT, 10 * count), setup, ranges, check_seed(seed))
     actions, _ = mirror_to_right(pool)
     paths = cast_grip_paths(actions, setup)
-    played = Dynamics.of(dynamics, setup)
-    xy = played.rollout(engine, setup, paths, sample_dt=_SAMPLE_DT).endpoint_xy
+    believed = Dynamics.of(None, setup)
+    xy = believed.rollout(engine, setup, paths, sample_dt=_SAMPLE_DT).endpoint_xy
     distance = setup.workspace.edge_distance(xy)
     # On a small table the free end may lie nearer to an edge after the reset: it may come as near.
     # Where it barely moves away from there, any cast counts that stays on the table.
@@ -64,7 +63,7 @@ def spread_actions(
             break
     else:
         raise InputError(
-            f"simulated casts of the {'believed' if dynamics is None else 'fitted'} cable land at "
+            f"simulated casts of the believed cable land at "
             f"{len(first)} places of the table, too few to spread {count} casts: `cablecast "
             "check` says what would reach more"
         )
