@@ -44,6 +44,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "effects": ("effects:effects", "shift of landings by each effect of the laboratory"),
     "arms": ("arms:arms", "arms of other makers: time of candidates, and hits"),
     "labs": ("labs:labs", "random laboratories: run or refused"),
+    "promises": ("promises:promises", "random laboratories: stated chances of a hit, and hits"),
     "irp": ("irp:main", "strikes in the air on the benchmark of Iterative Residual Policy"),
     "strike": ("strike:main", "strikes in the air on the strike laboratory, with floors"),
     "arrival": (
@@ -69,7 +70,8 @@ QUOTED: dict[str, tuple[str, float]] = {
         "casts --rigs chain --counts 10 --methods aim --cables cable_1 --targets 33",
         0.5,
     ),
-    "labs": ("labs --tries 0 --count 50", 0.3),
+    "labs": ("labs --count 50", 0.3),
+    "promises": ("promises", 1.5),
     "waits": ("waits --cables cable_1 --targets 5", 0.1),
     "arms": ("arms", 0.1),
     "reproduce": ("reproduce", 3.0),

@@ -1,14 +1,14 @@
-"""Random laboratories: which run, which are refused rightly, and how near casts land.
+"""Random laboratories: which run, and which are refused rightly.
 
 Each laboratory has a table, an arm and its mounting, a cable of 0.3 to 3 m, 1 to 30 mm and 1 g to
 1 kg, with and without attachment, described by no more than a new user would write: size of the
 table, model and base of the arm, length, diameter, mass and kind of the cable. The truth is drawn
-from what is believed of such a cable, and played by the rig of the engine.
+from what is believed of such a cable.
 
-Two targets are aimed at: a place of the table that is drawn, and one where a cast of the true cable
-lands. 5,000 random casts of the true cable that the arm can follow judge each refusal: it is right
-if none of them stays on the table and lands within 3 % of the target. Each laboratory is kept in
---out: the same command resumes where it was stopped.
+Two targets are asked for: a place of the table that is drawn, and one where a cast of the true
+cable lands. 5,000 random casts of the true cable that the arm can follow judge each refusal: it is
+right if none of them stays on the table and lands within 3 % of the target. Each laboratory is kept
+in --out: the same command resumes where it was stopped.
 """
 
 import collections
@@ -29,9 +29,6 @@ from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import check_actions, uniform_actions, widest_ranges
-from cablecast.pipeline.aim import SimulatorConfig
-from cablecast.report.words import stop_text
-from cablecast.rigs.engine import RigEngine
 from cablecast.runs.folder import Parts
 from cablecast.tuning.fit import FitConfig
 from cablecast.tuning.space import ParamPrior, SearchSpace
@@ -51,12 +48,6 @@ class LabsArgs:
     """Number of laboratories."""
     minutes: float = 1e6
     """Time after which no other laboratory is begun [min]."""
-    simulated: int = 4000
-    """Simulated casts that each model is trained on."""
-    epochs: int = 30
-    """Largest number of passes over them."""
-    tries: int = 3
-    """Casts at each target; with 0 refusals alone are judged, in seconds a laboratory."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/labs")
     """Folder of the results, in which the same command resumes."""
 
@@ -110,8 +101,8 @@ def brute_force(setup: cc.Setup, truth: cc.CableParams) -> NDArray[np.float64]:
     return np.concatenate(landed)
 
 
-def play(args: LabsArgs, seed: int) -> dict[str, Any]:
-    """Return what becomes of a laboratory: a refusal with its reason, or the misses."""
+def play(seed: int) -> dict[str, Any]:
+    """Return what becomes of a laboratory: a refusal with its reason, or of its targets."""
     lab, start = describe(seed), time.monotonic()
     found: dict[str, Any] = {"lab": lab, "refused": "", "targets": []}
     try:
@@ -134,15 +125,10 @@ def play(args: LabsArgs, seed: int) -> dict[str, Any]:
     places = [drawn_place(setup, rng)]
     places += [landed[rng.integers(len(landed))]] if len(landed) else []
     within = WITHIN_PCT / 100.0 * setup.cable.length
-    aimed = []
     for place in places:
         near = float(np.linalg.norm(landed - place, axis=1).min(initial=np.inf))
         refused = checked.is_out_of_reach(place)
-        row = {"xy": place.tolist(), "reachable": near <= within, "refused": refused}
-        found["targets"].append(row)
-        aimed += [] if refused else [row]
-    if aimed and args.tries:
-        found |= aim_at(args, setup, truth, aimed)
+        found["targets"].append({"reachable": near <= within, "refused": refused})
     return found | {"seconds": time.monotonic() - start}
 
 
@@ -156,38 +142,11 @@ def drawn_place(setup: cc.Setup, rng: np.random.Generator) -> NDArray[np.float64
             return place
 
 
-def aim_at(
-    args: LabsArgs, setup: cc.Setup, truth: cc.CableParams, rows: list[dict[str, Any]]
-) -> dict[str, Any]:
-    """Aim at targets as `cablecast aim` does, and note the misses in their rows."""
-    engine = cc.EngineWarp(segment_count=SEGMENT_COUNT, dt=DT)
-    config = cc.AimConfig(
-        tries=args.tries,
-        simulated_count=args.simulated,
-        epochs=args.epochs,
-        candidate_count=args.simulated,
-        within_pct=WITHIN_PCT,
-        refit=False,
-    )
-    simulators = SimulatorConfig(segment_count=SEGMENT_COUNT, dt=DT)
-    with cc.make_rig(RigEngine(engine, setup, truth), setup, time_limit=None) as rig:
-        try:
-            session = cc.prepare_aim(rig, config, simulators=simulators)
-        except cc.CablecastError as error:
-            return {"refused": "aim", "reason": str(error), "right": False}
-        for row in rows:
-            result = cc.aim(session, rig, row["xy"])
-            row["stop"] = "" if result.stops[0] is None else stop_text(result.stops[0])
-            row["miss_pct"] = [cast.miss_pct if cast.landed else 100.0 for cast in result.casts[0]]
-    return {}
-
-
 def labs(args: LabsArgs) -> Iterator[Table]:
-    """Yield what becomes of the laboratories, and the misses where they run."""
+    """Yield what becomes of the laboratories and of their targets."""
     end = time.monotonic() + 60.0 * args.minutes
     found = []
-    size = f"{args.tries}-{args.simulated}-{args.epochs}"
-    parts = Parts(args.out / code_key(__name__) / size)
+    parts = Parts(args.out / code_key(__name__))
     for seed in range(args.count):
         lab = parts.get(f"lab-{seed:03d}")
         if lab is None:
@@ -196,59 +155,31 @@ def labs(args: LabsArgs) -> Iterator[Table]:
                     f"{len(found)} of {args.count} laboratories are done: the same command goes on"
                 )
                 break
-            lab = plain(play(args, seed))
+            lab = plain(play(seed))
             parts.put(f"lab-{seed:03d}", lab)
         found.append(lab)
-    cast = args.tries > 0
-    yield outcomes(found, cast=cast)
-    yield refusals(found, cast=cast)
-    if cast:
-        yield misses(found)
+    yield outcomes(found)
+    yield refusals(found)
 
 
-def outcomes(found: list[dict[str, Any]], *, cast: bool) -> Table:
+def outcomes(found: list[dict[str, Any]]) -> Table:
     """Return how many laboratories run, and how many refusals are right."""
-    names, rows = ("", "description", "check"), []
-    for name in (*names, "aim") if cast else names:
+    rows = []
+    for name in ("", "description", "check"):
         own = [lab for lab in found if lab["refused"] == name]
         right = sum(lab.get("right", False) for lab in own)
         # A description is refused for what it says, whatever casts do.
-        judged = name in ("check", "aim")
-        rows.append((name or "runs", len(own), right if judged else None))
+        rows.append((name or "runs", len(own), right if name == "check" else None))
     return Table("Laboratories, and refusals that are right", ("outcome", "labs", "right"), rows)
 
 
-def refusals(found: list[dict[str, Any]], *, cast: bool) -> Table:
-    """Return how many targets are refused, before any cast or after some, and how rightly."""
-    ends = {"refused": "refused before any cast", "stopped": "stopped after some", "at": "cast at"}
-    if not cast:
-        ends = {"refused": "refused", "at": "allowed"}
+def refusals(found: list[dict[str, Any]]) -> Table:
+    """Return how many targets are refused before any cast, and how rightly."""
     counts = collections.Counter(
-        (row["reachable"], "refused" if row["refused"] else "stopped" if row.get("stop") else "at")
-        for lab in found
-        for row in lab["targets"]
+        (row["reachable"], row["refused"]) for lab in found for row in lab["targets"]
     )
     rows = [
-        (words, *(counts[reachable, what] for what in ends))
+        (words, counts[reachable, True], counts[reachable, False])
         for reachable, words in ((True, "a random cast lands there"), (False, "none does"))
     ]
-    return Table("Targets", ("target", *ends.values()), rows)
-
-
-def misses(found: list[dict[str, Any]]) -> Table:
-    """Return the misses of each try at targets where a random cast of the true cable lands."""
-    own = [
-        row["miss_pct"]
-        for lab in found
-        for row in lab["targets"]
-        if row["reachable"] and row.get("miss_pct")
-    ]
-    rows = []
-    for number in range(max(map(len, own), default=0)):
-        # A target that was hit, or given up, keeps its last miss.
-        values = [tries[min(number, len(tries) - 1)] for tries in own]
-        q1, median, q3 = np.quantile(values, (0.25, 0.5, 0.75))
-        hit = 100.0 * float(np.mean(np.array(values) <= WITHIN_PCT))
-        rows.append((number + 1, len(values), float(median), float(q1), float(q3), hit))
-    columns = ("try", "targets", "median", "q1", "q3", "hit [%]")
-    return Table("Miss after each try at reachable targets [% of cable length]", columns, rows)
+    return Table("Targets", ("target", "refused", "allowed"), rows)

@@ -1,0 +1,229 @@
+"""Random laboratories: whether the chances of a hit that are stated before casts are kept.
+
+Laboratories and cables are drawn as in `benchmarks.labs`, up to a length of 1.5 m, and played by
+the virtual rig, each with the seed of a laboratory that no other benchmark uses. Five targets are
+drawn over the part of the table that `check` calls reachable. Stated are what `check` says of a
+target before any cast, and what `aim` says of each cast and of all tries before the first one.
+Each laboratory is kept in --out: the same command resumes where it was stopped.
+"""
+
+import dataclasses
+import itertools
+import pathlib
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest
+
+import cablecast as cc
+from benchmarks.labs import describe, drawn_place
+from benchmarks.result import Table, code_key, plain
+from cablecast.aiming.propose import hit_chances
+from cablecast.evaluation.evaluate import median_interval
+from cablecast.pipeline.check import LabCheck, outlooks
+from cablecast.rigs.checked import CheckedRig
+from cablecast.rigs.virtual import RigVirtual, VirtualConfig
+from cablecast.runs.folder import Parts
+
+LAB_SEED = 500
+"""Seed of the virtual laboratory of the first random one."""
+LENGTH_MAX = 1.5
+"""Length of the longest cable [m]."""
+BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
+"""Bounds of stated chances that count as one class."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PromisesArgs:
+    """Stated chances of a hit in random laboratories."""
+
+    count: int = 60
+    """Number of laboratories that reach something."""
+    targets: int = 5
+    """Targets of each."""
+    tries: int = 6
+    """Casts at each target that is not hit before."""
+    first: int = 0
+    """Seed of the first laboratory."""
+    minutes: float = 1e6
+    """Time after which no other laboratory is begun [min]."""
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/promises")
+    """Folder of the results, in which the same command resumes."""
+
+
+def targets_of(checked: LabCheck, count: int, seed: int) -> list[NDArray[np.float64]]:
+    """Return places of the table that casts of some believed cable reach [m]."""
+    rng, found = np.random.default_rng([seed, 71]), []
+    while len(found) < count:
+        place = drawn_place(checked.setup, rng)
+        if float(checked.chance(place)) > 0.0:
+            found.append(place)
+    return found
+
+
+def play(args: PromisesArgs, seed: int) -> dict[str, Any]:
+    """Return what was stated and hit in a laboratory, or why it was refused."""
+    lab, start = describe(seed), time.process_time()
+    found: dict[str, Any] = {"lab": lab, "refused": "", "targets": []}
+    if lab["cable"]["length"] > LENGTH_MAX:
+        return found | {"refused": "length"}
+    try:
+        setup = cc.Setup.from_dict(lab)
+        checked = cc.check(setup, changes=False)
+    except cc.CablecastError as error:
+        return found | {"refused": "description", "reason": str(error)}
+    if not checked.reaches_anything:
+        return found | {"refused": "check", "reason": "; ".join(checked.limits)}
+    config = cc.AimConfig(tries=args.tries)
+    lab_config = VirtualConfig(lab_seed=LAB_SEED + seed)
+    with cc.make_rig(RigVirtual(setup, 0, lab_config), setup, time_limit=None) as rig:
+        try:
+            session = cc.prepare_aim(rig, config, progress=cc.ignore)
+        except cc.CablecastError as error:
+            return found | {"refused": "aim", "reason": str(error)}
+        for place in targets_of(checked, args.targets, seed):
+            found["targets"].append(aim_at(session, rig, checked, place))
+    return found | {"processor_seconds": time.process_time() - start}
+
+
+def aim_at(
+    session: cc.AimSession, rig: CheckedRig, checked: LabCheck, place: NDArray[np.float64]
+) -> dict[str, Any]:
+    """Return what was stated of a target, and what became of it."""
+    row: dict[str, Any] = {"xy": place, "calm": checked.is_calm(place), "within": []}
+    row |= {"stated": [], "miss_pct": [], "family": [], "stop": ""}
+
+    def note(proposal: cc.Proposal) -> None:
+        left = session.config.tries - proposal.try_number + 1
+        family = proposal.action.family
+        if not row["within"]:
+            chances = hit_chances(proposal.expected, proposal.goal, family, left)
+            row["within"] = chances.tolist()
+        row["stated"].append(proposal.hit_chance)
+        row["family"].append(family)
+
+    try:
+        result = cc.aim(session, rig, place, on_proposal=note, progress=cc.ignore)
+    except cc.CablecastError as error:
+        return row | {"stop": str(error)}
+    row["miss_pct"] = [cast.miss_pct if cast.landed else 100.0 for cast in result.casts[0]]
+    stop = result.stops[0]
+    if stop is not None:
+        row["stop"] = stop.reason.name
+        if not row["within"]:
+            # Left before the first cast: what was stated is the chance of the cast not made.
+            row["within"] = [stop.proposal.hit_chance]
+    return row
+
+
+def promises(args: PromisesArgs) -> Iterator[Table]:
+    """Yield how often what was stated held, and what became of the laboratories."""
+    end = time.monotonic() + 60.0 * args.minutes
+    parts = Parts(args.out / code_key(__name__) / f"{args.targets}-{args.tries}")
+    found: list[dict[str, Any]] = []
+    seed, ran = args.first, 0
+    while ran < args.count and seed < args.first + 20 * args.count:
+        lab = parts.get(f"lab-{seed:03d}")
+        if lab is None:
+            if time.monotonic() > end:
+                print(f"{ran} of {args.count} laboratories are done: the same command goes on")
+                break
+            lab = plain(play(args, seed))
+            parts.put(f"lab-{seed:03d}", lab)
+        found.append(lab)
+        ran += not lab["refused"]
+        seed += 1
+    rows = [row for lab in found for row in lab["targets"]]
+    yield outcomes(found)
+    yield checks(rows, args.tries)
+    yield casts(rows)
+    yield misses(rows, args.tries)
+
+
+def hits(row: dict[str, Any], tries: int) -> list[bool]:
+    """Return whether a target was hit within 1, 2, ... tries; one that was left was not."""
+    hit = [miss <= cc.AimConfig.within_pct for miss in row["miss_pct"]]
+    return [any(hit[: number + 1]) for number in range(tries)]
+
+
+def outcomes(found: Sequence[dict[str, Any]]) -> Table:
+    """Return how many laboratories were played, and why others were not."""
+    names = {
+        "": "played",
+        "length": f"not drawn for: a cable longer than {LENGTH_MAX:g} m",
+        "description": "refused: the description",
+        "check": "refused: by check",
+        "aim": "given up by aim before a target",
+    }
+    rows = [(words, sum(lab["refused"] == name for lab in found)) for name, words in names.items()]
+    return Table("Laboratories", ("outcome", "labs"), [row for row in rows if row[1]])
+
+
+def checks(rows: Sequence[dict[str, Any]], tries: int) -> Table:
+    """Return the chances that `check` stated, and the share of targets that was hit."""
+    table = []
+    for name, calm in (("calm", True), ("wild", False)):
+        own = [hits(row, tries) for row in rows if row["calm"] == calm]
+        for number, stated in enumerate(outlooks()[name].hit):
+            hit = [row[number] for row in own]
+            words = "a calm cast" if calm else "only fast ones"
+            table.append((words, number + 1, len(own), 100.0 * stated, *share(hit)))
+    columns = ("reached by", "tries", "targets", "stated [%]", "hit [%]", "low", "high")
+    return Table("What check says before any cast", columns, table)
+
+
+def casts(rows: Sequence[dict[str, Any]]) -> Table:
+    """Return the chances that `aim` stated of casts, and of all tries, and how often they held."""
+    groups = {
+        "the first cast": [(row["stated"][:1], row["miss_pct"][:1]) for row in rows],
+        "a later cast": [(row["stated"][1:], row["miss_pct"][1:]) for row in rows],
+    }
+    table = []
+    for name, pairs in groups.items():
+        stated = np.array([chance for chances, _ in pairs for chance in chances])
+        hit = np.array([m <= cc.AimConfig.within_pct for _, misses in pairs for m in misses])
+        table += classes(name, stated, hit)
+    for number in (2, 4):
+        own = [row for row in rows if len(row["within"]) >= number]
+        stated = np.array([row["within"][number - 1] for row in own])
+        hit = np.array([hits(row, number)[-1] for row in own])
+        table += classes(f"{number} tries", stated, hit)
+    columns = ("of", "stated between [%]", "number", "stated, mean [%]", "hit [%]", "low", "high")
+    return Table("What aim says before casts", columns, table)
+
+
+def classes(name: str, stated: NDArray[np.float64], hit: NDArray[np.bool_]) -> list[tuple]:
+    """Return a row for each class of stated chances, and one for all of them."""
+    rows = []
+    for low, high in (*itertools.pairwise(BINS), (0.0, 1.0)):
+        last = high == BINS[-1]
+        own = (stated >= low) & ((stated <= high) if last else (stated < high))
+        if own.any():
+            words = "any" if (low, high) == (0.0, 1.0) else f"{100 * low:.0f} to {100 * high:.0f}"
+            mean = 100.0 * float(stated[own].mean())
+            rows.append((name, words, int(own.sum()), mean, *share(hit[own].tolist())))
+    return rows
+
+
+def misses(rows: Sequence[dict[str, Any]], tries: int) -> Table:
+    """Return the misses after each try; a target that was hit or left keeps its last miss."""
+    table = []
+    own = [row["miss_pct"] for row in rows if row["miss_pct"]]
+    for number in range(tries):
+        values = np.array([misses[min(number, len(misses) - 1)] for misses in own])
+        hit = [hits(row, tries)[number] for row in rows]
+        shown = (number + 1, len(values), *median_interval(values))
+        table.append((*shown, 100.0 * float(np.mean(hit))))
+    columns = ("tries", "targets", "median", "low", "high", "hit of all targets [%]")
+    return Table("Miss after each try [% of cable length]", columns, table)
+
+
+def share(hit: Sequence[bool]) -> tuple[float | None, float | None, float | None]:
+    """Return a share [%] and its 90 % interval."""
+    if not len(hit):
+        return None, None, None
+    interval = binomtest(sum(hit), len(hit)).proportion_ci(0.9, "wilson")
+    return 100.0 * sum(hit) / len(hit), 100.0 * interval.low, 100.0 * interval.high
