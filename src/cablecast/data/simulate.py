@@ -22,7 +22,7 @@ from cablecast.data.schema import (
 from cablecast.data.writer import DatasetWriter
 from cablecast.engines.base import SETTLE_TIME, Engine, engine_settings
 from cablecast.engines.dynamics import Dynamics
-from cablecast.engines.spread import is_slow, remade, spread
+from cablecast.engines.spread import is_slow, spec_of, spread
 from cablecast.errors import CablecastError, DatasetError, InputError, check_count, check_seed
 from cablecast.files import read_sealed
 from cablecast.motion.action import ACTION_NAMES, ActionRanges, action_rows
@@ -80,7 +80,7 @@ def simulate_dataset(
         shard_rows = SLOW_SHARD_ROWS if is_slow(engine) else shard_rows
     check_count("shard_rows", shard_rows)
     check_seed(seed)
-    made = None if check_workers(workers) == LOCAL else remade(engine)
+    made = None if check_workers(workers) == LOCAL else spec_of(engine)
     dynamics = Dynamics.of(dynamics, setup)
     ranges = feasible_ranges(setup) if ranges is None else ranges
     _check_mirrored(dynamics)

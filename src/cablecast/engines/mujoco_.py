@@ -226,7 +226,7 @@ class EngineMujoco:
         self.thread_count = thread_count or core_count()
         self._models: dict[tuple, Any] = {}
 
-    def remade(self) -> tuple[type, dict[str, Any]]:
+    def spec(self) -> tuple[type, dict[str, Any]]:
         """Return the class and the arguments that make this engine anew in another process."""
         names = ("segment_count", "dt", "gravity", "rolling")
         return type(self), {name: getattr(self, name) for name in names} | {"thread_count": 1}

@@ -442,7 +442,7 @@ class EnginePybullet:
         self.dt = dt
         self.gravity = gravity
 
-    def remade(self) -> tuple[type, dict[str, Any]]:
+    def spec(self) -> tuple[type, dict[str, Any]]:
         """Return the class and the arguments that make this engine anew in another process."""
         return type(self), dict(vars(self))
 

@@ -44,7 +44,7 @@ class EngineSpread:
     """
 
     def __init__(self, engine: Engine, workers: str, world_count: int | None = None):
-        self._remade = remade(engine)
+        self._spec = spec_of(engine)
         self.segment_count, self.dt = engine.segment_count, engine.dt
         self._engine, self._workers = engine, workers
         self._world_count = world_count or (SLOW_WORLD_COUNT if is_slow(engine) else WORLD_COUNT)
@@ -88,7 +88,7 @@ class EngineSpread:
             (number, tuple(rows_of(values, worlds) for values in batch))
             for number, worlds in enumerate(parts)
         ]
-        shared = (self._remade, options)
+        shared = (self._spec, options)
         done = dict(run_tasks(_simulate, tasks, self._workers, shared))
         return merge([(worlds, done[number]) for number, worlds in enumerate(parts)])
 
@@ -112,9 +112,9 @@ def is_slow(engine: Engine) -> bool:
     return getattr(engine, "uses_one_core", False)
 
 
-def remade(engine: Engine) -> tuple[type, dict[str, Any]]:
+def spec_of(engine: Engine) -> tuple[type, dict[str, Any]]:
     """Return a picklable spec of an engine, its class and arguments: compiled kernels are not."""
-    make = getattr(engine, "remade", None)
+    make = getattr(engine, "spec", None)
     if make is None:
         raise InputError(f"{type(engine).__name__} works in this process only: workers = 'local'")
     return make()

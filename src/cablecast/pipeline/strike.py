@@ -241,8 +241,7 @@ def write_strike_report(
         raise InputError("this report is of strikes: write_aim_report is of casts onto a table")
     run, setup = result.report_run(folder, rig), session.setup
     box = envelope_text(*move_envelope(setup, session.prior.units))
-    facts = [f"{text[:1].upper()}{text[1:]}" for text in refusals]
-    facts.append(f"In the swings of this lab file {box}")
+    facts = [f"In the swings of this lab file {box}"]
     if (posterior := session.posterior) is not None:
         facts.append(
             f"The swings tell a cable of {100 * posterior.cable.length:.0f} cm, knot and "
@@ -251,7 +250,6 @@ def write_strike_report(
     with run.locked(replaces=True):
         figure = strike_map(result.casts, setup)
         write_bytes(folder / STRIKE_PICTURE, png_bytes(figure))
-        write_text(
-            folder / STRIKE_PAGE, strike_page(result.casts, setup, run.config, facts, len(refusals))
-        )
+        page = strike_page(result.casts, setup, run.config, facts, refusals)
+        write_text(folder / STRIKE_PAGE, page)
         run.finish(result.metrics)

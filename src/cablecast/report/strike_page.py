@@ -114,7 +114,7 @@ def strike_page(
     setup: Setup,
     config: Mapping[str, Any],
     facts: Sequence[str],
-    beyond_count: int = 0,
+    refusals: Sequence[str] = (),
 ) -> str:
     """Return the whole page, with its figure inside.
 
@@ -123,7 +123,7 @@ def strike_page(
         setup: Set-up with a strike section.
         config: Contents of config.json.
         facts: Sentences about the cable and where it can be.
-        beyond_count: Number of further targets that are out of reach.
+        refusals: Why each further target cannot be struck.
     """
     plane = SwingPlane.of(JointMoves.of(setup))
     rows = [
@@ -142,9 +142,9 @@ def strike_page(
     return render_template(
         "strike.html",
         cable=setup.cable,
-        verdict=verdict_text(tries, beyond_count),
+        verdict=verdict_text(tries, len(refusals)),
         figure=svg_uri(strike_map(tries, setup)),
-        facts=facts,
+        facts=[*(f"{text[:1].upper()}{text[1:]}" for text in refusals), *facts],
         rows=rows,
         settings=[("Aiming", flatten_settings(config["settings"])), *run_settings(config)],
     )

@@ -118,7 +118,7 @@ class EngineWarp:
         self._interleaved = self.device.is_cuda
         self._lane_count = LANE_COUNT_CUDA if self.device.is_cuda else LANE_COUNT_CPU[precision]
 
-    def remade(self, thread_count: int = 1) -> tuple[type, dict[str, Any]]:
+    def spec(self, thread_count: int = 1) -> tuple[type, dict[str, Any]]:
         """Return the class and the arguments that make this engine anew in another process.
 
         Args:
