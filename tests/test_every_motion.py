@@ -33,8 +33,8 @@ CONFIG = {
     "started": "2026-11-21T00:00:00+00:00",
 }
 SMALL = FilmConfig(width=64, height=64, frames_per_second=2)
-# How far each try misses [m]; NaN is hidden, or broke off. A lost one comes before a landing.
-MISSES = (0.2, np.nan, 0.15, 0.0)
+# How far each try misses [m]; NaN is hidden, infinite was stopped. Lost ones come before a landing.
+MISSES = (0.2, np.nan, np.inf, 0.0)
 
 
 def motions(kind):
@@ -70,7 +70,7 @@ def casts_of(kind):
         )
         trajectory = plan_trajectory(motion, setup)
         times = np.linspace(0.0, trajectory.duration, 9)
-        path = np.tile(goal.value + np.append(np.nan_to_num(miss), np.zeros(size - 1)), (9, 1))
+        path = np.tile(goal.value + np.append(np.nan_to_num(miss, posinf=0.0), np.zeros(size - 1)), (9, 1))
         path[5 if np.isnan(miss) else 9 :] = np.nan
         track = EndpointTrack(
             times=times,
@@ -78,6 +78,9 @@ def casts_of(kind):
             endpoint_z=path[:, 2] if size == 3 else None,
             status=TrialStatus.OCCLUDED if np.isnan(miss) else TrialStatus.OK,
         )
+        if np.isinf(miss):
+            track = EndpointTrack.unseen(TrialStatus.ABORTED, "the emergency stop was pressed")
+            track = dataclasses.replace(track, endpoint_z=[np.nan] if size == 3 else None)
         casts.append(Cast.of_motion(trajectory, track, "aim", proposal))
     info = {"metrics": {"training_count": 9, "held_out_count": 1, "held_out_median_pct": 0.4}}
     model = types.SimpleNamespace(info=info)
@@ -106,7 +109,7 @@ def test_every_try_is_told_in_words(kind):
             said += [hit_text(cast.proposal, 6), reason_text(cast.proposal, session)]
         assert all(said)
         assert not re.search(r"\bnan\b|\binf\b|<|array|object", "; ".join(said)), said
-    assert [miss_text(cast) for cast in casts] == ["20.0 cm", "occluded", "15.0 cm", "0.0 cm"]
+    assert [miss_text(cast) for cast in casts] == ["20.0 cm", "occluded", "aborted", "0.0 cm"]
 
 
 def test_every_try_is_in_the_report(kind):

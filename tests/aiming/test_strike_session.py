@@ -121,6 +121,17 @@ def test_swings_are_of_strikes_and_of_one_set_up(rig, tmp_path):
         session.observe(session.propose(goal), flat)
 
 
+def test_a_swing_that_was_not_seen_is_not_made_again(rig):
+    session = opened(rig)
+    (goal,) = session.goals(TARGET)
+    for _ in range(2):
+        unseen = EndpointTrack.unseen(TrialStatus.OCCLUDED)
+        session.observe(session.propose(goal), unseen)
+    lost = [cast.action for cast in session.casts]
+    assert len({*lost, session.propose(goal).action}) == 3
+    assert session.casts[0].track.path.shape == (1, 3)
+
+
 def test_what_cannot_be_struck_is_refused_with_the_nearest_point_that_can(rig):
     session = opened(rig)
     (goal,) = session.goals([2.6, 0.9])

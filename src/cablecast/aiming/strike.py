@@ -44,6 +44,8 @@ REFINEMENTS = ((6, 12, 0.05), (3, 16, 0.015), (2, 16, 0.004))
 SMOOTHING, OFFSET_MAX = 0.04, 0.15
 """Length of a path over which points without time are averaged [m], and distance beyond which they
 are of another piece of it [m]."""
+SAME_MOVE = 0.02
+"""Distance of moves, in unit coordinates, below which one is lost if the other was [-]."""
 POOL_COUNT = 48
 """Best moves of the first search, from which later ones start."""
 CHECKED = 96
@@ -172,6 +174,10 @@ class StrikeAim:
         timed: Whether tips come with their times; points of their paths in any order otherwise.
         seed: Seed of the search.
 
+    Attributes:
+        tries: Tries whose tip was seen.
+        lost: Moves of tries whose tip was not seen, shape [parameter] each; none like them is made.
+
     Raises:
         TargetError: The goal is out of reach.
     """
@@ -195,6 +201,7 @@ class StrikeAim:
         self.within, self.corrects, self.fits = within, corrects, fits
         self.timed = timed
         self.tries: list[StrikeTry] = []
+        self.lost: list[Array] = []
         self.posterior: TipPosterior | None = None
         self.expected = np.nan
         self._first = prior.misses(self.goal)
@@ -208,8 +215,9 @@ class StrikeAim:
         if not self.tries:
             if self.cable is not None:
                 return self._search([self.cable])
-            self.expected = float(self._first.min())
-            return self.prior.units[np.argmin(self._first)]
+            first = np.where(self._is_lost(self.prior.units), np.inf, self._first)
+            self.expected = float(first.min())
+            return self.prior.units[np.argmin(first)]
         best = min(self.tries, key=lambda one: one.miss)
         if best.miss <= self.within:
             self.expected = best.miss
@@ -343,12 +351,18 @@ class StrikeAim:
         cut[np.arange(cut.shape[1]) >= first[:, None]] = np.nan
         misses[kept], steps[kept] = closest(cut, self.goal)
         misses += self._doubt(units)
+        misses[self._is_lost(units)] = np.inf
         if self.loss is not None:
             extra = [
                 self.loss(tip[:end]) for tip, end in zip(cut, np.maximum(first, 2), strict=True)
             ]
             misses[kept] += extra
         return misses, steps
+
+    def _is_lost(self, units: Array) -> NDArray[np.bool_]:
+        """Return which moves are like one whose tip was not seen, shape [move]."""
+        like = [np.abs(units - lost).max(axis=1) < SAME_MOVE for lost in self.lost]
+        return np.any(like, axis=0) if like else np.zeros(len(units), dtype=bool)
 
     def _search_prior(self) -> Array:
         """Return the move of the prior with the least mean miss that was not tried yet."""

@@ -127,7 +127,9 @@ class StrikeSession(CastSession):
         """
         self._check_next(proposal)
         if track.endpoint_z is None:
-            raise InputError("the track of a strike needs the height of the tip, endpoint_z")
+            if track.status is TrialStatus.OK:
+                raise InputError("the track of a strike needs the height of the tip, endpoint_z")
+            track = dataclasses.replace(track, endpoint_z=np.full(len(track.times), np.nan))
         cast = Cast.of_motion(proposal.trajectory, track, "aim", proposal)
         self.store.add(cast)
         return cast
@@ -147,7 +149,10 @@ class StrikeSession(CastSession):
         swings = []
         for number, cast in active:
             tip = sampled(cast.track)
-            if len(tip) < 3 or not isinstance(cast.action, JointMove):
+            if not isinstance(cast.action, JointMove):
+                continue
+            if len(tip) < 3:
+                aim.lost.append(self.moves.unit_of(cast.action))
                 continue
             miss = float(closest(tip, goal.value)[0])
             swings.append((not cast.is_at(goal.value), miss, number, cast.action, tip))

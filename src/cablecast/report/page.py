@@ -190,7 +190,7 @@ def player_data(evaluation: Evaluation) -> dict[str, Any]:
             "target_mm": _millimetres(evaluation.aimed_xy[row]),
             "is_seen": track.nodes is not None,
             "times": [round(float(time), 3) for time in track.times[finite]],
-            "nodes_mm": shapes[finite].reshape(int(finite.sum()), -1).astype(int).tolist(),
+            "nodes_mm": [shape.ravel().astype(int).tolist() for shape in shapes[finite]],
         }
         if cast.proposal is not None and goal is not None:
             outline = cast.proposal.expected.ellipse(REGION_SHARE).outline()
