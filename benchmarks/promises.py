@@ -93,7 +93,7 @@ def aim_at(
     session: cc.AimSession, rig: CheckedRig, checked: LabCheck, place: NDArray[np.float64]
 ) -> dict[str, Any]:
     """Return what was stated of a target, and what became of it."""
-    row: dict[str, Any] = {"xy": place, "calm": checked.is_calm(place), "within": []}
+    row: dict[str, Any] = {"xy": place.tolist(), "calm": checked.is_calm(place), "within": []}
     row |= {"stated": [], "miss_pct": [], "family": [], "stop": ""}
 
     def note(proposal: cc.Proposal) -> None:
