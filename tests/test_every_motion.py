@@ -70,7 +70,9 @@ def casts_of(kind):
         )
         trajectory = plan_trajectory(motion, setup)
         times = np.linspace(0.0, trajectory.duration, 9)
-        path = np.tile(goal.value + np.append(np.nan_to_num(miss, posinf=0.0), np.zeros(size - 1)), (9, 1))
+        path = np.tile(
+            goal.value + np.append(np.nan_to_num(miss, posinf=0.0), np.zeros(size - 1)), (9, 1)
+        )
         path[5 if np.isnan(miss) else 9 :] = np.nan
         track = EndpointTrack(
             times=times,

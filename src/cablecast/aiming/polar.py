@@ -131,10 +131,14 @@ class PolarLandings:
     def pace(self) -> float:
         """Pace of the casts: the first that lays the cable out, or the best of all.
 
-        The simulator tells of those that were not tried.
+        The simulator tells of those that were not tried, and a pace that the arm cannot follow
+        straight ahead is none.
         """
         typical = []
         for pace in SWING_PACES:
+            if self._ahead(pace) not in self._pilots(pace):
+                typical.append(np.inf)
+                continue
             made = [(cast, action) for cast, action in self._made if action.pace == pace]
             folds = [self._folded(action, cast.final_xy) for cast, action in made]
             ahead = self._ahead(pace)
@@ -165,16 +169,9 @@ class PolarLandings:
         """Return the pilots at a pace that the arm can follow."""
         back = self.reach.back
         azimuth, x = ASIDE * back.theta_max, 0.5 * ASIDE * self.reach.end_x_max
-        found = []
-        for pilot in (
-            self._ahead(pace),
-            PolarCast(-azimuth, x, back.grip_y_min, pace),
-            PolarCast(azimuth, -x, back.grip_y_min, pace),
-        ):
-            with contextlib.suppress(CablecastError):
-                plan_trajectory(pilot, self.setup)
-                found.append(pilot)
-        return found
+        aside = PolarCast(-azimuth, x, back.grip_y_min, pace)
+        every = (self._ahead(pace), aside, aside.mirrored())
+        return [pilot for pilot in every if _is_followed(pilot, self.setup)]
 
     def _ahead(self, pace: float) -> PolarCast:
         """Return the cast straight ahead with a middling pull."""
@@ -316,6 +313,15 @@ class PolarLandings:
         squares += np.sum((np.log(SIZES) / SIZE_DEVIATIONS[:, None]) ** 2, axis=0)
         weights = np.exp(-0.5 * (squares - squares.min()))
         return weights / weights.sum()
+
+
+@functools.lru_cache(maxsize=64)
+def _is_followed(cast: PolarCast, setup: Setup) -> bool:
+    """Return whether the arm can follow a cast."""
+    with contextlib.suppress(CablecastError):
+        plan_trajectory(cast, setup)
+        return True
+    return False
 
 
 def _point(cast: PolarCast) -> Array:

@@ -13,6 +13,8 @@ initial state of every cast: in front of the robot, at rest, without torsion.
 import contextlib
 import dataclasses
 import functools
+import itertools
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -20,14 +22,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from cablecast.cable import Cable
 from cablecast.conventions import GRAVITY, Array, polar_to_xy, xy_to_polar
-from cablecast.errors import InputError, JointLimitError, TargetError, check_number
+from cablecast.errors import (
+    CablecastError,
+    InputError,
+    JointLimitError,
+    TargetError,
+    check_number,
+)
 from cablecast.motion.grip_path import SMOOTH, GripPath, PlanePath
+from cablecast.motion.limits import check_grip_paths
 from cablecast.motion.trajectory import JointPath, Trajectory, follow
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
 # Factor of the paper's reach, either way, up to which the paper's radii serve.
 _SAME_REACH = 1.05
+
+_NEAR_RADII = ("hang_radius", "draw_radius", "rise_radius")
+
+_CHANGES = sorted(
+    itertools.product(
+        (1.0, 1.15, 1.3), (1.0, 0.85, 0.7, 0.55), (1.0, 0.9, 0.8), (1.0, 2.0), (1.0, 1.2)
+    ),
+    key=lambda change: float(np.abs(np.log(change)) @ (1.0, 3.0, 2.0, 0.3, 2.0)),
+)
+"""Arguments of `PolarCastConfig.changed` that are tried, the least change first."""
 
 _SLOWDOWNS = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
 """Multiples of a reset's times that are tried, until the arm can follow: swings up to 1.3 times as
@@ -36,6 +55,9 @@ slow still lay the cable out, and one of 1.5 leaves it slack (fast engine, both 
 
 SWING_PACE_BOUNDS = (0.5, 1.2)
 """Paces of the swing of a polar cast [-]."""
+
+_PACE = 0.9
+"""Pace of the polar cast that the arm is to follow with the settings of a set-up [-]."""
 
 _PULL_POINTS = 24
 """Points of a pull aside that the path goes through."""
@@ -155,7 +177,17 @@ class PolarCastConfig:
     pull_time_min: float = 0.5
 
     @classmethod
-    def of(cls, workspace: Workspace) -> "PolarCastConfig":
+    def of(cls, setup: Setup) -> "PolarCastConfig":
+        """Return the settings for the arm and the cable of a set-up.
+
+        Where the arm cannot follow a reset with those for its reach, even slowed down, these are
+        the nearest ones with which it can: lower, farther out, shorter, or slower. Where there are
+        none, those for its reach.
+        """
+        return _followed(setup)
+
+    @classmethod
+    def of_reach(cls, workspace: Workspace) -> "PolarCastConfig":
         """Return the settings for an arm's reach.
 
         All radii of a longer arm grow with its reach: so near to its base as the paper's, its
@@ -164,9 +196,25 @@ class PolarCastConfig:
         config, share = cls(), workspace.r_max / Workspace().r_max
         if 1.0 / _SAME_REACH <= share <= _SAME_REACH:
             return config
-        near = ("hang_radius", "draw_radius", "rise_radius") if share > 1.0 else ()
+        near = (*_NEAR_RADII, "hang_height_max") if share > 1.0 else ()
         names = ("carry_radius", "cast_radius", *near)
         return dataclasses.replace(config, **{n: share * getattr(config, n) for n in names})
+
+    def changed(
+        self, near: float, height: float, cast: float, slow: float, swing: float
+    ) -> "PolarCastConfig":
+        """Return the settings with radii near the base, height and `cast_radius` multiplied.
+
+        The moves of the lift take `slow` times as long, the swing `swing` times.
+        """
+        lift = dataclasses.replace(self.slowed(slow), swing=self.swing.slowed(swing))
+        return dataclasses.replace(
+            lift,
+            hang_height_max=height * self.hang_height_max,
+            cast_radius=cast * self.cast_radius,
+            cast_rise_time=slow * self.cast_rise_time,
+            **{name: near * getattr(self, name) for name in _NEAR_RADII},
+        )
 
     def slowed(self, factor: float) -> "PolarCastConfig":
         """Return the same moves, each so many times as long."""
@@ -214,7 +262,7 @@ class PolarReach:
     def of(cls, setup: Setup, config: PolarCastConfig | None = None) -> "PolarReach":
         """Return the region for the cable and table of a set-up."""
         cable, workspace = setup.cable, setup.workspace
-        config = config or PolarCastConfig.of(workspace)
+        config = config or PolarCastConfig.of(setup)
         reach = cls(
             cable_length=cable.length,
             cast_radius=min(config.cast_radius, workspace.r_max),
@@ -451,22 +499,26 @@ class PolarCast:
 
     def grip_path(self, setup: Setup) -> GripPath:
         """Return the path of the gripper from the reset pose, one row."""
-        cable, workspace = setup.cable, setup.workspace
-        config = PolarCastConfig.of(workspace)
-        radius = float(PolarReach.of(setup).landing_radius(self.azimuth)) - cable.length
-        path = PlanePath(reset_pose(workspace))
-        slow = dataclasses.replace(config, rise_time=config.cast_rise_time)
-        _lift(path, cable, slow, self.azimuth).hold(config.hang_time)
-        swing = config.swing.slowed(1.0 / self.pace)
-        _swing_out(path, radius, workspace, dataclasses.replace(config, swing=swing))
-        end = np.array([self.x, self.y])
-        if abs(xy_to_polar(end)[1] - self.azimuth) < 1e-9:
-            return _pull_back(path, float(np.hypot(*end)), config).grip_path()
-        return _pull_aside(path, end, cable, config).grip_path()
+        return _cast_path(self, setup, PolarCastConfig.of(setup))
 
     def set_points(self, grip_path: GripPath, setup: Setup) -> JointPath:
         """Return the set points of the joints that follow the path of the gripper."""
         return follow(grip_path, setup, str(self))
+
+
+def _cast_path(cast: PolarCast, setup: Setup, config: PolarCastConfig) -> GripPath:
+    """Return the path of the gripper in a polar cast from the reset pose, one row."""
+    cable, workspace = setup.cable, setup.workspace
+    radius = float(PolarReach.of(setup, config).landing_radius(cast.azimuth)) - cable.length
+    path = PlanePath(reset_pose(workspace))
+    slow = dataclasses.replace(config, rise_time=config.cast_rise_time)
+    _lift(path, cable, slow, cast.azimuth).hold(config.hang_time)
+    swing = config.swing.slowed(1.0 / cast.pace)
+    _swing_out(path, radius, workspace, dataclasses.replace(config, swing=swing))
+    end = np.array([cast.x, cast.y])
+    if abs(xy_to_polar(end)[1] - cast.azimuth) < 1e-9:
+        return _pull_back(path, float(np.hypot(*end)), config).grip_path()
+    return _pull_aside(path, end, cable, config).grip_path()
 
 
 def _pull_aside(path: PlanePath, end: Array, cable: Cable, config: PolarCastConfig) -> PlanePath:
@@ -593,13 +645,38 @@ class PullReach:
 
 def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> GripPath:
     """Return the gripper path of a reset from x, y, z [m], yaw, pitch [rad], shape [5]."""
-    config, cable = config or PolarCastConfig.of(setup.workspace), setup.cable
+    config, cable = config or PolarCastConfig.of(setup), setup.cable
     path = PlanePath(check_finite("start", start, 5))
     _lift(path, cable, config).hold(config.hang_time)
     radius = float(PolarReach.of(setup, config).landing_radius(0.0)) - cable.length
     # A cable that is long for the table is laid no nearer than the reset pose.
     _swing_out(path, max(radius, setup.workspace.reset_y), setup.workspace, config)
     return _pull_back(path, float(reset_pose(setup.workspace)[1]), config).grip_path()
+
+
+@functools.lru_cache(maxsize=64)
+def _followed(setup: Setup) -> PolarCastConfig:
+    """Return the settings for an arm's reach, or those nearest to them that it can follow."""
+    config, pose = PolarCastConfig.of_reach(setup.workspace), reset_pose(setup.workspace)
+    y = setup.workspace.support_depth
+
+    def follows(path: Callable[[], GripPath]) -> bool:
+        with contextlib.suppress(CablecastError):
+            return bool(check_grip_paths(path(), setup).mask.all())
+        return False
+
+    def resets(settings: PolarCastConfig) -> bool:
+        return any(
+            follows(lambda: reset_path(pose, setup, settings.slowed(times)))  # noqa: B023
+            for times in _SLOWDOWNS
+        )
+
+    def casts(settings: PolarCastConfig) -> bool:
+        return follows(lambda: _cast_path(PolarCast(0.0, 0.0, y, _PACE), setup, settings))
+
+    every = (config, *(config.changed(*change) for change in _CHANGES[1:]))
+    both = (settings for settings in every if casts(settings) and resets(settings))
+    return next(both, None) or next((settings for settings in every if resets(settings)), config)
 
 
 def plan_reset(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> Trajectory:
@@ -610,7 +687,7 @@ def plan_reset(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
     Raises:
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    config = config or PolarCastConfig.of(setup.workspace)
+    config = config or PolarCastConfig.of(setup)
     *quicker, slowest = _SLOWDOWNS
 
     def planned(times: float, what: str) -> Trajectory:
