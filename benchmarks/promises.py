@@ -32,6 +32,7 @@ LAB_SEED = 500
 """Seed of the virtual laboratory of the first random one."""
 LENGTH_MAX = 1.5
 """Length of the longest cable [m]."""
+DEPTHS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3)
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 """Bounds of stated chances that count as one class."""
 
@@ -93,7 +94,9 @@ def aim_at(
     session: cc.AimSession, rig: CheckedRig, checked: LabCheck, place: NDArray[np.float64]
 ) -> dict[str, Any]:
     """Return what was stated of a target, and what became of it."""
-    row: dict[str, Any] = {"xy": place.tolist(), "calm": checked.is_calm(place), "within": []}
+    length = checked.setup.cable.length
+    depth = [share for share in DEPTHS if checked.is_calm(place, share * length)]
+    row: dict[str, Any] = {"xy": place.tolist(), "calm": bool(depth), "depth": depth, "within": []}
     row |= {"stated": [], "miss_pct": [], "family": [], "stop": ""}
 
     def note(proposal: cc.Proposal) -> None:

@@ -136,12 +136,12 @@ class PolarLandings:
         """
         typical = []
         for pace in SWING_PACES:
-            if self._ahead(pace) not in self._pilots(pace):
+            if self.reach.ahead(pace) not in self._pilots(pace):
                 typical.append(np.inf)
                 continue
             made = [(cast, action) for cast, action in self._made if action.pace == pace]
             folds = [self._folded(action, cast.final_xy) for cast, action in made]
-            ahead = self._ahead(pace)
+            ahead = self.reach.ahead(pace)
             typical.append(
                 float(np.median(folds or [self._folded(ahead, self._simulated_xy(ahead))]))
             )
@@ -170,14 +170,8 @@ class PolarLandings:
         back = self.reach.back
         azimuth, x = ASIDE * back.theta_max, 0.5 * ASIDE * self.reach.end_x_max
         aside = PolarCast(-azimuth, x, back.grip_y_min, pace)
-        every = (self._ahead(pace), aside, aside.mirrored())
+        every = (self.reach.ahead(pace), aside, aside.mirrored())
         return [pilot for pilot in every if _is_followed(pilot, self.setup)]
-
-    def _ahead(self, pace: float) -> PolarCast:
-        """Return the cast straight ahead with a middling pull."""
-        back = self.reach.back
-        radius = 0.5 * float(back.landing_radius(0.0) + back.pulled_radius(0.0))
-        return PolarCast.back_to([0.0, radius], back, pace)
 
     def aimed_at(self, target_xy: Array) -> PolarCast | None:
         """Return the cast that is expected nearest to a target [m], shape [2].

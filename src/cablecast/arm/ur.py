@@ -433,7 +433,10 @@ def _angles(arm: ArmUR, poses: Array) -> tuple[Array, Array, Array, Array]:
         np.sqrt(np.maximum(span**2 - up * up, 0.0) + links.d4**2)
         for span in (links.upper_arm - links.forearm, links.upper_arm + links.forearm)
     )
-    return q, np.hypot(wrist[..., 0], wrist[..., 1]), radius_min, radius_max
+    # Nearer to the base's axis than that its wrist lies aside, no turn of the base is right.
+    aside = rho < links.d4
+    radius = np.where(aside, rho, np.hypot(wrist[..., 0], wrist[..., 1]))
+    return q, radius, np.where(aside, links.d4, radius_min), radius_max
 
 
 def _rates(

@@ -56,6 +56,8 @@ class Check(TargetOptions):
         print(found.summary)
         for limit in found.limits:
             print(f"  {limit}")
+        if found.reset_words:
+            print(f"reset    {found.reset_words}")
         for xy in places:
             print(f"target   {polar_text(xy)}\n         {found.words_at(xy)}")
         print("Simulated casts reach more with" if found.changes else f"{remedy(())}.")

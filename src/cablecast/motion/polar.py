@@ -40,13 +40,18 @@ _SAME_REACH = 1.05
 
 _NEAR_RADII = ("hang_radius", "draw_radius", "rise_radius")
 
-_CHANGES = sorted(
-    itertools.product(
-        (1.0, 1.15, 1.3), (1.0, 0.85, 0.7, 0.55), (1.0, 0.9, 0.8), (1.0, 2.0), (1.0, 1.2)
-    ),
-    key=lambda change: float(np.abs(np.log(change)) @ (1.0, 3.0, 2.0, 0.3, 2.0)),
+_PLACES = sorted(
+    itertools.product((1.0, 1.15, 1.3, 0.85, 0.7, 0.55), (1.0, 0.85, 0.7, 0.55), (1.0, 0.9, 0.8)),
+    key=lambda change: float(np.abs(np.log(change)) @ (1.0, 3.0, 2.0)),
 )
-"""Arguments of `PolarCastConfig.changed` that are tried, the least change first."""
+"""Factors of the radii near the base, of the hanging height and of the farthest radius that are
+tried where the arm cannot follow a reset, the least change first."""
+
+_TIMES = ((1.0, 1.0), (2.0, 1.0), (1.0, 1.2), (2.0, 1.2))
+"""Factors of the times of the lift and of the swing that are tried at each of these."""
+
+_VERY_SLOW = 4.0
+"""Times as slow as which only places limit an arm."""
 
 _SLOWDOWNS = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
 """Multiples of a reset's times that are tried, until the arm can follow: swings up to 1.3 times as
@@ -200,21 +205,19 @@ class PolarCastConfig:
         names = ("carry_radius", "cast_radius", *near)
         return dataclasses.replace(config, **{n: share * getattr(config, n) for n in names})
 
-    def changed(
-        self, near: float, height: float, cast: float, slow: float, swing: float
-    ) -> "PolarCastConfig":
-        """Return the settings with radii near the base, height and `cast_radius` multiplied.
-
-        The moves of the lift take `slow` times as long, the swing `swing` times.
-        """
-        lift = dataclasses.replace(self.slowed(slow), swing=self.swing.slowed(swing))
+    def moved(self, near: float, height: float, cast: float) -> "PolarCastConfig":
+        """Return the settings with radii near the base, height and `cast_radius` multiplied."""
         return dataclasses.replace(
-            lift,
+            self,
             hang_height_max=height * self.hang_height_max,
             cast_radius=cast * self.cast_radius,
-            cast_rise_time=slow * self.cast_rise_time,
             **{name: near * getattr(self, name) for name in _NEAR_RADII},
         )
+
+    def paced(self, lift: float, swing: float) -> "PolarCastConfig":
+        """Return the settings whose lift and swing take so many times as long."""
+        slow = dataclasses.replace(self.slowed(lift), cast_rise_time=lift * self.cast_rise_time)
+        return dataclasses.replace(slow, swing=self.swing.slowed(swing))
 
     def slowed(self, factor: float) -> "PolarCastConfig":
         """Return the same moves, each so many times as long."""
@@ -597,6 +600,11 @@ class PullReach:
         heading = trailing_heading(azimuth, end - start, way / length)
         return end + polar_to_xy(np.stack([np.full_like(heading, length), heading], axis=-1))
 
+    def ahead(self, pace: float) -> PolarCast:
+        """Return the cast straight ahead with a middling pull."""
+        radius = 0.5 * float(self.back.landing_radius(0.0) + self.back.pulled_radius(0.0))
+        return PolarCast.back_to([0.0, radius], self.back, pace)
+
     def way(self, cast: PolarCast) -> float:
         """Return the length of the pull of a cast [m]."""
         return float(np.linalg.norm(cast.to_array()[1:3] - self._start(cast.azimuth)))
@@ -674,9 +682,20 @@ def _followed(setup: Setup) -> PolarCastConfig:
     def casts(settings: PolarCastConfig) -> bool:
         return follows(lambda: _cast_path(PolarCast(0.0, 0.0, y, _PACE), setup, settings))
 
-    every = (config, *(config.changed(*change) for change in _CHANGES[1:]))
-    both = (settings for settings in every if casts(settings) and resets(settings))
-    return next(both, None) or next((settings for settings in every if resets(settings)), config)
+    if casts(config) and resets(config):
+        return config
+    found = config if resets(config) else None
+    for place in _PLACES:
+        moved = config.moved(*place)
+        if not casts(moved.paced(_VERY_SLOW, _VERY_SLOW)):
+            continue
+        for settings in (moved.paced(*times) for times in _TIMES):
+            if not resets(settings):
+                continue
+            if casts(settings):
+                return settings
+            found = found or settings
+    return found or config
 
 
 def plan_reset(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> Trajectory:

@@ -1,5 +1,6 @@
 """check: which part of the table casts of a cable can reach, what limits it, and what helps."""
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -11,11 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cablecast.aiming.polar import SWING_PACES
+from cablecast.aiming.polar import LAID_OUT, SWING_PACES
 from cablecast.conventions import Array, mirror_xy, polar_to_xy, stream, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.errors import SEED_MAX, InputError, check_argument_types, check_seed
+from cablecast.errors import (
+    SEED_MAX,
+    CablecastError,
+    InputError,
+    check_argument_types,
+    check_seed,
+)
 from cablecast.evaluation.coverage import R0_CHOICES
 from cablecast.files import read_json, write_bytes
 from cablecast.motion.casting import cast_grip_paths
@@ -27,7 +34,8 @@ from cablecast.motion.feasibility import (
 )
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.limits import Feasibility, check_grip_paths
-from cablecast.motion.polar import PullReach
+from cablecast.motion.polar import PolarCastConfig, PullReach, plan_reset, reset_pose
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import MotionConfig, Setup
@@ -144,6 +152,9 @@ class LabCheck:
         followed: Share of the drawn motions that the arm can follow in front of the table [-].
         broken: Limit that most of the others break; empty where it follows all.
         changes: Changes that reach more, the best first.
+        reset_offset: Distance from straight ahead at which a simulated reset leaves the free end of
+            the most likely cable [m]; infinite where the arm cannot follow a reset.
+        lays_out: Whether a simulated swing lays that cable out straight; polar casts count if so.
     """
 
     setup: Setup
@@ -153,6 +164,8 @@ class LabCheck:
     followed: float = 1.0
     broken: str = ""
     changes: tuple[Change, ...] = ()
+    reset_offset: float = 0.0
+    lays_out: bool = True
 
     @functools.cached_property
     def places(self) -> Array:
@@ -185,9 +198,14 @@ class LabCheck:
         where = _nearest_words(xy, self.landing_xy.reshape(-1, 2))
         return f"no simulated cast of what this cable may be lands there: the nearest is {where}"
 
-    def is_calm(self, xy: ArrayLike) -> bool:
-        """Return whether a slow cast or a polar one lands at a place [m], shape [2]."""
-        return bool(_distance(xy, self.calm_xy) <= REACH_GAP)
+    def is_calm(self, xy: ArrayLike, margin: float = 0.0) -> bool:
+        """Return whether slow or polar casts land at a place [m], shape [2], and all about it.
+
+        `margin` is the distance up to which they are to land there [m].
+        """
+        turn = np.arange(8) * np.pi / 4
+        about = margin * np.stack([np.sin(turn), np.cos(turn)], axis=-1)
+        return bool(np.all(_distance(np.asarray(xy) + about, self.calm_xy) <= REACH_GAP))
 
     def wild_words_at(self, xy: ArrayLike) -> str:
         """Return what to expect at a place [m], shape [2], that no calm cast reaches."""
@@ -248,6 +266,22 @@ class LabCheck:
             )
         return tuple(lines)
 
+    @property
+    def reset_words(self) -> str:
+        """What is wrong with the reset between casts, in one sentence; empty where nothing is."""
+        setup, by_hand = self.setup, "lay it straight by hand, or take another"
+        if math.isinf(self.reset_offset):
+            return f"the {setup.arm.model} cannot make the reset of the cable: {by_hand} arm"
+        if self.reset_offset < LAID_OUT * setup.cable.length:
+            return ""
+        hangs = PolarCastConfig.of(setup).hang_height(setup.cable)
+        length = setup.cable.length + setup.cable.attachment_length
+        why = f", as only {hangs:.2f} m of it hang free" if hangs < length else ""
+        return (
+            f"in simulation a reset leaves the free end {100.0 * self.reset_offset:.0f} cm from "
+            f"straight ahead{why}: {by_hand} cable"
+        )
+
     def _passed_edge(self) -> str:
         workspace, xy = self.setup.workspace, self.leaving_xy
         beyond = {
@@ -307,10 +341,10 @@ def check(
     try:
         found = _believed(setup, seed)
     except InputError as error:
-        helped = _try_changes(setup, 0.0, seed, progress) if changes else ()
+        helped = _try_changes(setup, 0.0, seed, progress, True) if changes else ()
         raise InputError(f"{error}. {remedy(helped)}" if changes else str(error)) from None
     if changes:
-        helped = _try_changes(setup, float(found.shares[0]), seed, progress)
+        helped = _try_changes(setup, float(found.shares[0]), seed, progress, found.lays_out)
         found = dataclasses.replace(found, changes=helped)
     if out is not None:
         from cablecast.report.maps import reach_map
@@ -332,11 +366,44 @@ def _believed(setup: Setup, seed: int) -> LabCheck:
         member.with_params(member.params.without_material())
         for member in Tuned.believed(setup, seed).members
     )
-    return _simulated(setup, members, seed)
+    offset, lays_out = _swings(setup, members[0])
+    found = _simulated(setup, members, seed, lays_out)
+    return dataclasses.replace(found, reset_offset=offset, lays_out=lays_out)
 
 
-def _simulated(setup: Setup, members: tuple[Dynamics, ...], seed: int) -> LabCheck:
-    """Return where casts of some cables land, the most likely one first."""
+def _swings(setup: Setup, dynamics: Dynamics) -> tuple[float, bool]:
+    """Return where a reset leaves the free end, and whether a swing lays the cable out straight.
+
+    The first is its distance from straight ahead [m], infinite where the arm cannot follow.
+    """
+    workspace, length = setup.workspace, setup.cable.length
+    paths, ends = [], []
+    with contextlib.suppress(CablecastError):
+        paths.append(plan_reset(reset_pose(workspace), setup).grip_path)
+        ends.append((0.0, workspace.reset_y + length))
+    has_reset = bool(paths)
+    with contextlib.suppress(CablecastError):
+        reach = PullReach.of(setup)
+        for pace in SWING_PACES:
+            cast = reach.ahead(pace)
+            with contextlib.suppress(CablecastError):
+                paths.append(plan_trajectory(cast, setup).grip_path)
+                ends.append(tuple(reach.end_xy(cast.to_array()).tolist()))
+    if not paths:
+        return math.inf, False
+    engine = make_engine("warp", _SEGMENT_COUNT, _DT)
+    rollout = dynamics.rollout(engine, setup, GripPath.stack(paths), sample_dt=_SAMPLE_DT)
+    off = np.linalg.norm(rollout.endpoint_xy[:, -1] - np.array(ends), axis=1)
+    off = np.where(np.isfinite(off), off, length)
+    reset = float(off[0]) if has_reset else math.inf
+    return reset, bool(np.any(off[has_reset:] < LAID_OUT * length))
+
+
+def _simulated(setup: Setup, members: tuple[Dynamics, ...], seed: int, lays_out: bool) -> LabCheck:
+    """Return where casts of some cables land, the most likely one first.
+
+    Polar casts are among them where their swing lays the cable out.
+    """
     actions, drawn = _draw(setup, _CAST_COUNT, seed)
     landed, left = zip(
         *(_landings(setup, xy) for xy in _tracks(setup, members, actions)), strict=True
@@ -344,8 +411,10 @@ def _simulated(setup: Setup, members: tuple[Dynamics, ...], seed: int) -> LabChe
     slow, _ = _draw(setup, _CALM_COUNT, seed, _CALM_PACES)
     calm, _ = _landings(setup, _tracks(setup, members[:1], slow)[0])
     # The motion settings are those of sweeps: changes of them find these again.
-    polar = _polar_landings(dataclasses.replace(setup, motion=MotionConfig()))
-    calm = np.concatenate([calm[np.isfinite(calm).all(axis=1)], polar])
+    calm = calm[np.isfinite(calm).all(axis=1)]
+    if lays_out:
+        polar = _polar_landings(dataclasses.replace(setup, motion=MotionConfig()))
+        calm = np.concatenate([calm, polar])
     return LabCheck(
         setup=setup,
         landing_xy=np.array([np.concatenate([one, calm]) for one in landed]),
@@ -443,7 +512,7 @@ def _distance(xy: ArrayLike, landed: Array) -> Array:
 
 
 def _try_changes(
-    setup: Setup, before: float, seed: int, progress: ProgressCallback
+    setup: Setup, before: float, seed: int, progress: ProgressCallback, lays_out: bool
 ) -> tuple[Change, ...]:
     """Return the best change of each kind of those that reach clearly more."""
     best: dict[str, Change] = {}
@@ -457,10 +526,10 @@ def _try_changes(
         least = max(_BETTER * before, before + _BETTER_BY)
         try:
             changed = _with(setup, values)
-            share = _share(changed, seed)
+            share = _share(changed, seed, lays_out)
             # The best of many owes much to chance: it must reach as much with other casts.
             if share >= max(least, best[kind].share if kind in best else 0.0):
-                share = 0.5 * (share + _share(changed, (seed + 1) % (SEED_MAX + 1)))
+                share = 0.5 * (share + _share(changed, (seed + 1) % (SEED_MAX + 1), lays_out))
         except InputError:
             continue
         if share >= max(least, best[kind].share if kind in best else 0.0):
@@ -474,9 +543,9 @@ def _try_changes(
     return tuple(sorted(best.values(), key=lambda change: -change.share))
 
 
-def _share(setup: Setup, seed: int) -> float:
+def _share(setup: Setup, seed: int, lays_out: bool) -> float:
     """Return the share of the table that some casts of the believed cable reach [-]."""
-    return float(_simulated(setup, (Dynamics.of(None, setup),), seed).shares[0])
+    return float(_simulated(setup, (Dynamics.of(None, setup),), seed, lays_out).shares[0])
 
 
 def _possible(setup: Setup) -> Iterator[tuple[str, str, dict[str, float]]]:
