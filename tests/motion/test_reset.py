@@ -12,7 +12,14 @@ from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.limits import LIMIT_SHARE, check_grip_paths
-from cablecast.motion.polar import PolarCastConfig, plan_reset, reset_path, reset_pose
+from cablecast.motion.polar import (
+    PolarCastConfig,
+    PullReach,
+    plan_reset,
+    reset_path,
+    reset_pose,
+)
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 
 SETUP = Setup()
@@ -105,3 +112,26 @@ def test_without_hanging_first_the_cable_ends_less_aligned():
         ends = engine.rollout(cable, path, thrown).final_state.positions[:, -1, 0]
         aside.append(np.sqrt(np.mean(ends**2)))
     assert aside[1] > 2 * aside[0]
+
+
+@pytest.mark.parametrize("length", [0.35, 0.5])
+@pytest.mark.parametrize("model", ["ur5", "ur5e", "ur10e", "ur16e", "ur20", "ur30"])
+def test_every_arm_but_the_smallest_makes_the_reset_of_a_rope_and_polar_casts(model, length):
+    rope = {"name": "rope", "kind": "rope", "length": length, "diameter": 0.008, "mass": 0.02}
+    table = {"table_width": 2.75, "table_depth": 2.75, "table_near_y": 0.0}
+    arm = {"model": model, "base_height": 0.1}
+    setup = Setup.from_dict({"cable": rope, "workspace": table, "arm": arm})
+    plan_reset(reset_pose(setup.workspace), setup)
+    plan_trajectory(PullReach.of(setup).ahead(0.9), setup)
+
+
+def test_an_arm_that_follows_the_reset_of_the_paper_keeps_it():
+    assert PolarCastConfig.of(SETUP) == PolarCastConfig()
+
+
+def test_a_wrist_too_near_to_the_base_is_named_by_its_distance():
+    tilted = GripPath.hold([0.0, 0.15, 0.3, 0.0, 0.5], 1.0)
+    found = check_grip_paths(tilted, SETUP)
+    (reason,) = found.reasons[0]
+    assert reason.what == "reach: radius"
+    assert reason.value < reason.bound == pytest.approx(SETUP.arm.lengths.d4)

@@ -120,3 +120,16 @@ def test_a_target_that_calm_casts_reach_has_better_words_than_one_of_fast_casts(
     assert not checked.is_calm(aside)
     assert outlooks()["calm"].words(checked.setup.cable.length) in checked.words_at(far)
     assert outlooks()["wild"].words(checked.setup.cable.length) in checked.wild_words_at(aside)
+
+
+def test_what_a_reset_does_to_the_cable_is_said_before_any_cast(checked, capsys):
+    assert checked.reset_words == ""
+    rope = {"name": "rope", "kind": "rope", "length": 0.8, "diameter": 0.008, "mass": 0.02}
+    table = {"table_width": 2.75, "table_depth": 2.75, "table_near_y": 0.0}
+    lab = {"cable": rope, "workspace": table, "arm": {"model": "ur3e", "base_height": 0.1}}
+    small = cc.check(cc.Setup.from_dict(lab), changes=False)
+    assert not small.lays_out
+    assert small.reset_words.startswith("the ur3e cannot make the reset of the cable: ")
+    lab["arm"]["model"] = "ur5e"
+    long = cc.check(cc.Setup.from_dict(lab), changes=False)
+    assert "m of it hang free: lay it straight by hand, or take another" in long.reset_words
