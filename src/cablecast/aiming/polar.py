@@ -185,7 +185,7 @@ class PolarLandings:
             for _ in range(_STEPS):
                 if (cast := self.reach.cast_to(aim_xy, self.pace)) is None:
                     break
-                if self._folded(cast, self._simulated_xy(cast)) > LAID_OUT:
+                if self._folded(cast, self._modelled_xy(cast)) > LAID_OUT:
                     break
                 offset = target_xy - self.expectation(cast).mean
                 plan_trajectory(cast, self.setup)
@@ -217,7 +217,7 @@ class PolarLandings:
         noise = self._weights @ self._noise([cast], sways)[:, :, 0]
         covariance = length**2 * axes.T @ np.diag(left - mean**2 + noise) @ axes
         return Expectation(
-            mean=self._simulated_xy(cast) + length * mean @ axes,
+            mean=self._modelled_xy(cast) + length * mean @ axes,
             covariance=covariance,
             law=law or MissLaw(),
             scatter=length * float(np.sqrt(np.mean(noise))),
@@ -230,6 +230,18 @@ class PolarLandings:
             rollout = self.dynamics.rollout(self.engine, self.setup, path)
             self._known[cast] = rollout.endpoint_xy[0, -1]
         return self._known[cast]
+
+    def _modelled_xy(self, cast: PolarCast) -> Array:
+        """Return where a cast lands before its error is known [m], shape [2].
+
+        That is where the simulator says; or where a straight cable ends, if the simulator folds the
+        cable, and real casts at the pace of this one laid it out.
+        """
+        simulated_xy = self._simulated_xy(cast)
+        made = [self._folded(a, c.final_xy) for c, a in self._made if a.pace == cast.pace]
+        if self._folded(cast, simulated_xy) > LAID_OUT and np.median(made or [np.inf]) < LAID_OUT:
+            return self.reach.end_xy(cast.to_array())
+        return simulated_xy
 
     def _axes(self, cast: PolarCast) -> Array:
         """Return the unit vectors along the resting cable and across it, to its right, [2, 2]."""
@@ -283,7 +295,7 @@ class PolarLandings:
 
     def _error(self, cast: Cast, action: PolarCast) -> Array:
         """Return the error of the simulator on the axes of a cast [cable lengths], shape [2]."""
-        offset = cast.final_xy - self._simulated_xy(action)
+        offset = cast.final_xy - self._modelled_xy(action)
         return self._axes(action) @ offset / self.setup.cable.length
 
     @functools.cached_property
