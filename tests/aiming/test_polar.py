@@ -7,7 +7,14 @@ import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
 import cablecast as cc
-from cablecast.aiming.polar import FLOOR, LAID_OUT, SWING_PACES, TURNING, PolarLandings
+from cablecast.aiming.polar import (
+    FLOOR,
+    HEAP,
+    LAID_OUT,
+    SWING_PACES,
+    TURNING,
+    PolarLandings,
+)
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
 from cablecast.aiming.residual import Experience, ResidualScales
@@ -167,6 +174,43 @@ def test_a_cast_that_was_lost_is_not_made_again(landings):
     after = landings.with_casts([lost])
     assert after.aimed_at(FAR) is None
     assert after.aimed_at(polar_to_xy([1.2, -0.2])) is not None
+
+
+def test_a_cast_that_ended_in_a_heap_is_not_made_again(landings):
+    pilots = [beside(landings, pilot, 0.0) for pilot in landings._pilots(SWING_PACES[0])]
+    before = landings.with_casts(pilots)
+    after = before.with_casts([beside(landings, before.aimed_at(FAR), 1.5 * HEAP)])
+    assert after.aimed_at(FAR) is None
+    assert after.aimed_at(polar_to_xy([1.2, -0.2])) is not None
+
+
+def test_casts_that_were_laid_out_count_more_than_a_simulator_that_folds_them(landings):
+    def folded(cast):
+        return reach.end_xy(cast.to_array()) - 3.0 * LAID_OUT * LENGTH * landings._axes(cast)[0]
+
+    reach = landings.reach
+    pilots = landings._pilots(SWING_PACES[0])
+    cast = reach.cast_to(FAR, SWING_PACES[0])
+    alone = dataclasses.replace(landings, _known={one: folded(one) for one in (*pilots, cast)})
+    assert alone.pace != SWING_PACES[0] or alone.aimed_at(FAR) is None
+    straight = [
+        Cast(
+            action=pilot,
+            duration=20.0,
+            joint_path=None,
+            track=EndpointTrack(
+                times=np.zeros(1),
+                endpoint_xy=reach.end_xy(pilot.to_array())[None],
+                status=TrialStatus.OK,
+            ),
+            purpose="pilot",
+        )
+        for pilot in pilots
+    ]
+    told = alone.with_casts(straight)
+    assert told.pace == SWING_PACES[0]
+    np.testing.assert_allclose(told.expectation(cast).mean, FAR, atol=1e-3)
+    assert told.aimed_at(FAR) is not None
 
 
 def proposal_of(landings, scales):

@@ -55,7 +55,8 @@ LAID_OUT = 0.08
 out [cable lengths]; else another pace is tried."""
 
 HEAP = 0.2
-"""Error beyond which a cable lies in a heap, and says nothing of other casts [cable lengths]."""
+"""Error beyond which a cable lies in a heap, and says nothing of other casts [cable lengths].
+No cast like it is made again."""
 
 FLOOR = 0.003
 """Standard deviation of equal casts along each axis after a long pull [cable lengths]."""
@@ -196,7 +197,9 @@ class PolarLandings:
         if not found:
             return None
         best = min(found, key=lambda one: one[0])[1]
-        steps = [_point(best) - _point(other) for other in self.lost if other.pace == best.pace]
+        heaps = [one[1] for one in self._made if np.linalg.norm(self._error(*one)) >= HEAP]
+        wasted = [other for other in (*self.lost, *heaps) if other.pace == best.pace]
+        steps = [_point(best) - _point(other) for other in wasted]
         return None if any(np.linalg.norm(step) < _SAME for step in steps) else best
 
     def expectation(self, cast: PolarCast, law: MissLaw | None = None) -> Expectation:
