@@ -15,9 +15,10 @@ from tests.vision.player import CABLE, Player, glide
 
 from cablecast.camera.settings import CameraSettings
 from cablecast.cast import TrialStatus
-from cablecast.errors import CameraError, InputError
+from cablecast.errors import CameraError, InputError, RigError
 from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import JointPath
+from cablecast.rigs.checked import call_within
 from cablecast.rigs.virtual.camera_stream import MOVED_TAG, CameraStream
 from cablecast.rigs.virtual.config import CameraConfig
 from cablecast.setup import Setup
@@ -235,6 +236,21 @@ def test_an_endpoint_lost_with_frames_that_found_no_room_is_an_error_of_this_com
     monkeypatch.setattr(EndpointTracker, "update", lose)
     with pytest.raises(CameraError, match=r"\d+ frames of this cast found no room in the memory"):
         camera.stop(player.cast())
+
+
+def test_a_trial_whose_end_is_not_waited_for_leaves_the_camera_to_the_next(camera, player):
+    camera.check(player.rewind())
+    camera.start()
+    filming, timing = camera._filming, player.cast()
+    endless = dataclasses.replace(timing, end_time=timing.end_time + 50.0)
+    with pytest.raises(RigError, match="longer than its time limit"):
+        call_within(0.5, "the rig's execute", lambda: camera.stop(endless))
+    latest = filming.latest
+    camera.check(player.rewind())
+    assert filming.latest is latest
+    camera.start()
+    assert camera.stop(player.cast()).status is TrialStatus.OK
+    assert not list(pathlib.Path(camera.settings.films).glob("*.part"))
 
 
 def test_a_camera_that_is_unplugged_in_a_trial_is_an_error(setup, player, stream):

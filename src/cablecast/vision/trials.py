@@ -444,10 +444,11 @@ class _Filming:
         self._is_last: Callable[[Frame], bool] = lambda frame: False
         self._error: Exception | None = None
         self._started = threading.Event()
+        # A join that was interrupted counts as done in Python before 3.13, however long it runs on.
+        self._ended = threading.Event()
         camera.keep(every=True)
         camera.skip()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._run, daemon=True).start()
 
     def wait_started(self) -> None:
         """Wait until the first frame has come; raise what kept it from coming."""
@@ -463,17 +464,21 @@ class _Filming:
     def finish(self, is_last: Callable[[Frame], bool]) -> None:
         """Film on to the last frame, which may have come long ago, and raise what went wrong."""
         self._is_last = is_last
-        self._thread.join()
-        if self._error is not None:
+        try:
+            self._ended.wait()
+            if self._error is not None:
+                raise self._error
+        except BaseException:
+            # An interrupted film would read the frames of the next trial.
             self.drop()
-            raise self._error
+            raise
         if self._writer is not None:
             self._writer.close()
 
     def drop(self) -> None:
         """End the film, and forget it."""
         self._is_last = lambda frame: True
-        self._thread.join()
+        self._ended.wait()
         if self._writer is not None:
             self._writer.close(whole=False)
 
@@ -493,6 +498,7 @@ class _Filming:
         finally:
             self._camera.keep(every=False)
             self._started.set()
+            self._ended.set()
 
 
 def require_camera(setup: Setup) -> CameraSettings:
