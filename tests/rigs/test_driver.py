@@ -251,6 +251,15 @@ def test_a_camera_that_fails_after_the_cast_gives_no_track_and_the_arm_stands(ri
     assert not rig.rig.camera.is_filming
 
 
+def test_a_cast_has_the_joints_that_the_arm_reported_whatever_its_camera_returns(rig, cast):
+    track = EndpointTrack.unseen(TrialStatus.OCCLUDED)
+    rig.rig.camera.stop = lambda timing: track
+    rig.reset()
+    seen = rig.execute(cast)
+    assert seen.status is TrialStatus.OCCLUDED
+    assert len(seen.joint_path.times) == len(seen.controller_log.times)
+
+
 def test_an_arm_that_is_not_ready_is_not_moved(rig):
     (driver,) = DriverPuppet.made
     driver.is_blocked = True

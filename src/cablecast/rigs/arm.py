@@ -137,7 +137,9 @@ class RigArm(RigLifecycle):
         except BaseException:
             self.camera.cancel()
             raise
-        track = dataclasses.replace(self.camera.stop(timing), controller_log=log)
+        track = dataclasses.replace(
+            self.camera.stop(timing), joint_path=timing.joint_path, controller_log=log
+        )
         self.last_timing = timing
         lost = track.status is TrialStatus.OK and self._has_lost_cable()
         self.driver.set_phase(RigPhase.IDLE)
