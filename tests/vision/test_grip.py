@@ -71,6 +71,15 @@ def test_jaws_that_the_hand_hides_are_turned_until_they_are_seen(virtual_camera,
     assert turned_into_sight(OPEN, ARM, view) is OPEN
 
 
+@pytest.mark.parametrize("yaw_deg", [180.02, -180.02])
+def test_jaws_turned_by_half_a_turn_and_a_little_are_not_spun_to_be_seen(virtual_camera, yaw_deg):
+    x, yaw = np.copysign(0.5, yaw_deg), np.radians(yaw_deg)
+    q = ARM.inverse(np.array([x, 0.35, SETUP.workspace.grip_height, yaw, 0.0]))
+    turned = turned_into_sight(q, ARM, virtual_camera.view)
+    assert turned is not None
+    assert np.abs(turned - q).max() < np.pi
+
+
 def test_nothing_is_said_of_a_cable_that_looks_like_the_table(virtual_camera):
     bare = picture(virtual_camera, START, (0.9, 0.1), 0.0, 1)
     x, y, _, yaw, _ = ARM.grip_pose(OPEN)

@@ -60,6 +60,9 @@ def limit_violations(asked: Iterable[Array], bounds: Iterable[ArrayLike]) -> Ite
             yield LimitPeak(kind, tuple(row), step, joint, value, limit)
 
 
+_OVERTURN = 0.05
+"""Largest turn of a standing cable beyond half a turn, at which casts may end [rad]."""
+
 _LIMIT_BOUNDS = {
     "position": (30.0, "rad"),
     "middle": (30.0, "rad"),
@@ -293,6 +296,21 @@ class Arm(abc.ABC):
         yaw = np.arctan2(along[..., 0], along[..., 1])
         pitch = np.arcsin(np.clip(along[..., 2], -1.0, 1.0))
         return np.concatenate([position, yaw[..., None], pitch[..., None]], axis=-1)
+
+    def standing_pose(self, q: Array) -> Array:
+        """Return `grip_pose`, shape [5], with the yaw that `inverse` brings back to the joints.
+
+        A cable that was turned by half a turn to one side looks as if it were turned to the other.
+        Joint angles [rad] have the shape [joint].
+        """
+        pose = self.grip_pose(q)
+        if np.pi - abs(pose[3]) > _OVERTURN:
+            return pose
+        over = pose - [0.0, 0.0, 0.0, np.copysign(2.0 * np.pi, pose[3]), 0.0]
+        still = np.zeros((2, 5))
+        found = self.inverse_motion(np.stack([pose, over]), still, still).q
+        off = np.nan_to_num(np.abs(found - q).max(axis=-1), nan=np.inf)
+        return over if off[1] < off[0] else pose
 
     def inverse(self, poses: ArrayLike) -> Array:
         """Return joint angles that bring the gripped end to given poses.

@@ -293,10 +293,10 @@ def reset_motions(q: NDArray[np.float64], setup: Setup) -> tuple[JointCurve, Joi
         JointLimitError: A motion leaves limits or box, or comes too close to anything.
     """
     slow = setup.with_motion(control_dt=RESET_DT)
-    pose = setup.arm.grip_pose(q)
-    if abs(pose[4]) < 1e-3:
-        pose[4] = 0.0
     try:
+        pose = setup.arm.standing_pose(q)
+        if abs(pose[4]) < 1e-3:
+            pose[4] = 0.0
         off = float(np.abs(setup.arm.inverse(pose) - q).max())
     except CablecastError:
         raise RigError(

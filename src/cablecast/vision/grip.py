@@ -50,7 +50,7 @@ def turned_into_sight(q: Array, arm: Arm, view: CameraView) -> Array | None:
         arm: Arm, its mounting and its gripper.
         view: Calibrated camera.
     """
-    pose = arm.grip_pose(q)
+    pose = arm.standing_pose(q)
     x, y, _ = np.asarray(view.position) - pose[:3]
     whole = float(np.arctan2(x, y) - pose[3])
     for turn in np.linspace(0.0, whole, max(int(np.ceil(abs(whole) / _TURN)), 1) + 1):

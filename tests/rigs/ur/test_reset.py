@@ -30,6 +30,17 @@ def test_a_gripper_that_a_hand_left_askew_first_goes_slowly_to_a_place_above_the
     np.testing.assert_allclose(reset.q[-1], home, atol=1e-6)
 
 
+@pytest.mark.parametrize("yaw_deg", [180.02, -180.02])
+def test_a_cable_that_a_cast_left_turned_by_half_a_turn_and_a_little_is_taken_back(
+    twin_setup, home, yaw_deg
+):
+    x, yaw = np.copysign(0.5, yaw_deg), np.radians(yaw_deg)
+    start = twin_setup.arm.inverse(np.array([x, 0.35, 0.02, yaw, 0.0]))
+    way, reset = reset_motions(start, twin_setup)
+    np.testing.assert_allclose(way.q[-1], start, atol=1e-6)
+    np.testing.assert_allclose(reset.q[-1], home, atol=1e-6)
+
+
 @pytest.mark.parametrize("joint", range(6))
 def test_an_arm_that_is_wound_up_or_folded_otherwise_is_left_to_a_person(twin_setup, home, joint):
     folded = home.copy()
