@@ -8,9 +8,9 @@ import pytest
 from cablecast.errors import InputError, MissingExtraError, RigError
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.checked import TIME_LIMIT, CheckedRig
-from cablecast.rigs.engine import RigEngine
+from cablecast.rigs.engine import RigEngine, RigSwing
 from cablecast.rigs.make import make_rig
-from cablecast.setup import Setup
+from cablecast.setup import Setup, StrikeConfig
 
 MODULE = """
 import missing_library_of_a_rig
@@ -147,6 +147,13 @@ def test_the_named_rigs_can_be_made_and_are_checked(setup):
         assert rig.execute_many is not None
     assert virtual.seek is not None
     assert engine.seek is None
+
+
+def test_an_engine_that_swings_no_cable_in_the_air_is_refused_and_not_replaced(setup):
+    strike = dataclasses.replace(setup, strike=StrikeConfig())
+    assert isinstance(make_rig("engine:warp", strike).rig, RigSwing)
+    with pytest.raises(RigError, match="--rig engine:mujoco swings no cable in the air"):
+        make_rig("engine:mujoco", strike)
 
 
 def test_an_object_or_a_factory_of_ones_own_is_taken_as_it_is(setup):

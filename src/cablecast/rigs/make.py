@@ -115,6 +115,8 @@ def _swung(spec: str, setup: Setup, seed: int) -> Rig | None:
     if _is_engine(spec):
         from cablecast.rigs.engine import RigSwing
 
+        if spec not in ("engine", "engine:warp"):
+            raise RigError(f"--rig {spec[:60]} swings no cable in the air: take --rig engine")
         return RigSwing(setup)
     if spec in DRIVERS:
         raise RigError(
