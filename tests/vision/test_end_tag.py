@@ -9,7 +9,7 @@ pytest.importorskip("cv2")
 
 from cablecast.camera.lens import CameraView, Lens
 from cablecast.camera.settings import CameraSettings
-from cablecast.camera.tags import EndTag, default_layout
+from cablecast.camera.tags import FAMILY, EndTag, default_layout
 from cablecast.cast import TrialStatus
 from cablecast.errors import InputError
 from cablecast.pipeline.track_video import track_video
@@ -130,6 +130,18 @@ def test_a_film_is_tracked_by_the_tag_that_the_lab_file_names(table, tmp_path):
     errors = np.linalg.norm(found.track.endpoint_xy - truth, axis=1)
     assert np.isfinite(errors).mean() > 0.9
     assert np.nanmax(errors) < FILM_PLACE
+
+
+def test_advice_about_an_end_tag_like_those_on_the_table_can_be_followed():
+    values = {"source": "0", "end_tag": {"id": 3, "family": FAMILY}}
+    tags = default_layout().to_dict()["tags"]
+    with pytest.raises(InputError, match="list the tags on the table as tags, or take"):
+        CameraSettings.from_dict(values)
+    with pytest.raises(InputError, match="take another number, or take another family"):
+        CameraSettings.from_dict(values | {"tags": tags})
+    assert CameraSettings.from_dict(
+        values | {"tags": tags, "end_tag": {"id": len(tags), "family": FAMILY}}
+    )
 
 
 def test_an_end_tag_of_a_lab_file_survives_and_nonsense_is_refused():

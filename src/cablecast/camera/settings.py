@@ -119,9 +119,10 @@ class CameraSettings:
             # Dictionaries of one size begin alike: 4X4_50 and 4X4_100 have the same first tags.
             kin = {re.sub(r"_\d+$", "", name) for name in (end.family, self.tag_family)}
             if len(kin) == 1 and (self.tags is None or end.id in self.tags.corners):
+                other = "take another number" if self.tags else "list the tags on the table as tags"
                 raise InputError(
                     f"camera end_tag {end.id} of {end.family} may be mixed up with a tag on the "
-                    "table: take another number, or another family"
+                    f"table: {other}, or take another family"
                 )
         if not isinstance(self.marker, (list, tuple)) or len(self.marker) != 2:
             raise InputError(f"camera marker = {self.marker!r} must be a length and a width")
