@@ -24,6 +24,7 @@ from cablecast.vision.tracker import (
     MarkerConfig,
     TrackerConfig,
     grab_of,
+    green_places,
     pick_marker,
     sample_path,
     sight_of,
@@ -38,6 +39,8 @@ ERROR_RMS = 3e-3
 ERROR_MAX = 8e-3
 # So far below the arm's silhouette no part of the marker is in sight, so far beside it all is [m].
 DEEP, CLEAR = -0.02, 0.035
+# A pixel of a picture that is 320 px wide, on the table [m].
+COARSE_PX = 0.012
 ARM = ArmUR()
 
 
@@ -409,6 +412,23 @@ def test_the_camera_knows_the_green_things_that_lie_on_the_table(virtual_camera,
     # One that has seen nothing knows of none.
     fresh = EndpointTracker(calibration.view, virtual_camera.workspace)
     assert sight_of(fresh).blind == ()
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 45.0, 90.0])
+def test_a_green_thing_is_as_large_for_a_camera_that_is_turned(turn_deg):
+    workspace = Workspace()
+    view = CameraConfig.over(workspace).resized(320).view
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    view = dataclasses.replace(view, rotation=tuple(map(tuple, turn @ view.rotation)))
+    v, u = np.mgrid[: view.lens.height, : view.lens.width]
+    places = view.to_table(np.stack([u, v], axis=-1).astype(float))
+    ((x, y, radius),) = green_places(
+        np.linalg.norm(places - [0.3, 0.9], axis=-1) < 0.1, view, workspace
+    )
+    assert np.hypot(x - 0.3, y - 0.9) < COARSE_PX
+    # A circle of the area of the square about the thing.
+    assert radius == pytest.approx(0.1 * np.sqrt(4.0 / np.pi), abs=COARSE_PX)
 
 
 WIDE = Lens(

@@ -942,10 +942,13 @@ def green_places(
     labels, _ = label(mask)  # pyright: ignore[reportGeneralTypeIssues]
     places = []
     for rows, columns in find_objects(labels):
-        corners = [(columns.start, rows.start), (columns.stop, rows.stop)]
-        a, b = view.to_table(np.array(corners, dtype=float))
-        radius = np.sqrt(abs((b[0] - a[0]) * (b[1] - a[1])) / np.pi)
-        if workspace.on_table((a + b) / 2):
-            places.append([*((a + b) / 2), radius])
+        left, right, top, bottom = columns.start, columns.stop, rows.start, rows.stop
+        corners = [(left, top), (right, top), (right, bottom), (left, bottom)]
+        box = view.to_table(np.array(corners, dtype=float))
+        centre, (a, b) = box.mean(axis=0), box[2:] - box[:2]
+        # Twice the area is the cross product of the diagonals, however the camera is turned.
+        radius = np.sqrt(abs(a[0] * b[1] - a[1] * b[0]) / (2.0 * np.pi))
+        if workspace.on_table(centre):
+            places.append([*centre, radius])
     places.sort(key=lambda place: -place[2])
     return np.array(places).reshape(-1, 3)
