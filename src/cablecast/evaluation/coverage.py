@@ -126,10 +126,12 @@ def half_disc(radius: float) -> "Polygon":
 def polar_casting_region(setup: Setup) -> "Polygon":
     """Return the region in which polar casting can lay the endpoint; see `PolarReach`.
 
-    Raises:
-        InputError: The region is empty: the cable is too long for the table.
+    It is empty where the cable is too long for the table.
     """
-    return _shapely().Polygon(PolarReach.of(setup).outline())
+    try:
+        return _shapely().Polygon(PolarReach.of(setup).outline())
+    except InputError:
+        return _shapely().Polygon()
 
 
 def covered_share(region: "Polygon", radius: float) -> float:

@@ -182,7 +182,7 @@ def _survey(
         "coverage": results,
         "polar_casting": {
             "share": covered_share(polar, radius),
-            "outline_xy": outlines(polar)[0].round(4).tolist(),
+            "outline_xy": [xy for part in outlines(polar) for xy in part.round(4).tolist()],
         },
         "choice": {
             "r0": best.r0,

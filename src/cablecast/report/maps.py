@@ -271,7 +271,8 @@ def coverage_figure(
                 axes.fill(*xy.T, color=color, alpha=0.10, linewidth=0, zorder=2)
                 name = "" if part else label
                 axes.plot(*xy.T, color=color, linewidth=1.3, zorder=3, label=name)
-        axes.legend(loc="upper right", fontsize=7.5, handlelength=1.2, borderaxespad=0.0)
+        if any(axes.get_legend_handles_labels()):
+            axes.legend(loc="upper right", fontsize=7.5, handlelength=1.2, borderaxespad=0.0)
     return figure
 
 
