@@ -3,6 +3,7 @@
 import dataclasses
 import re
 import runpy
+import xml.dom.minidom
 
 import numpy as np
 import pytest
@@ -97,6 +98,18 @@ def test_a_cable_is_exported_with_one_command(tmp_path, monkeypatch, capsys):
     assert tuple(path.name.removeprefix("cable_2").lstrip("_.") for path in written) == FILES
     assert main(["export", "cable", "--cable", "cable_2", "--segment-count", "1"]) == 2
     assert "segment_count" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["../up/red", '4 mm "<red>" & blue', "--- Käbel ---"])
+def test_whatever_a_cable_is_called_its_files_lie_in_the_folder_and_can_be_read(name, tmp_path):
+    cable = dataclasses.replace(load_cable("cable_1"), name=name)
+    files = export_cable(Tuned.of(None, cc.Setup(cable=cable)), tmp_path / "models")
+    assert {path.parent for path in files} == {tmp_path / "models"}
+    for path in files:
+        if path.suffix == ".py":
+            compile(path.read_text(encoding="utf-8"), path.name, "exec")
+        else:
+            xml.dom.minidom.parse(str(path))
 
 
 def bullet(tmp_path, cable):

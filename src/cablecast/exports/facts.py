@@ -1,6 +1,7 @@
 """What an exported file says of a cable: numbers, intervals, laws, and what is left out."""
 
 import dataclasses
+import re
 from collections.abc import Iterable
 from statistics import NormalDist
 
@@ -41,6 +42,11 @@ DERIVED = {
     "friction": ("", "Coulomb coefficient across the cable: the product of both factors"),
     "bend_stiffness_per_mass": ("N·m²/kg", "no motion tells EI and mass apart, only this ratio"),
 }
+
+
+def comment(lines: Iterable[str]) -> str:
+    """Return lines as the text of a comment of XML, which must not hold two hyphens in a row."""
+    return re.sub("-(?=-)", "- ", "\n".join(lines))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ import math
 from cablecast.cable import AIR_DENSITY, PARAMS
 from cablecast.conventions import GRAVITY
 from cablecast.engines.mujoco_ import SERVO_OMEGA, rod_model
-from cablecast.exports.facts import CableModel
+from cablecast.exports.facts import CableModel, comment
 
 CHAIN_DT, FLEX_DT = 2e-3, 1e-3
 """Steps of the exported models [s]."""
@@ -235,12 +235,10 @@ def flex_xml(model: CableModel) -> str:
         "write data.ctrl = pose + 2 x velocity / w + acceleration / w^2 before each step, "
         f"w = {SERVO_OMEGA:g} rad/s."
     )
-    comment = _comment(model, "MuJoCo (a 1-D flex)", dropped).replace("\n-->", f"{grip}\n-->")
+    head = _comment(model, "MuJoCo (a 1-D flex)", dropped).replace("\n-->", f"{grip}\n-->")
     xml = rod_model(model.cable, model.segment_count, FLEX_DT, GRAVITY, held=False, values=True)
-    return f"{comment}\n{xml}\n"
+    return f"{head}\n{xml}\n"
 
 
 def _comment(model: CableModel, target: str, dropped: list[str]) -> str:
-    # A comment of XML must not hold two hyphens in a row.
-    text = "\n".join(model.lines(target, dropped)).replace("--", "- -")
-    return f"<!--\n{text}\n-->"
+    return f"<!--\n{comment(model.lines(target, dropped))}\n-->"

@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from cablecast.conventions import GRAVITY
-from cablecast.exports.facts import CableModel
+from cablecast.exports.facts import CableModel, comment
 from cablecast.exports.script import script
 
 LONGEST_DT = 1.0 / 480.0
@@ -63,7 +63,7 @@ def urdf(model: CableModel) -> str:
     if model.value("endpoint_mass") and not model.attachment_length:
         links.append(_link("attachment", model.value("endpoint_mass"), 1e-9, 0.0, radius, False))
         joints.append(_joint("end", "fixed", parent, "attachment", at))
-    text = "\n".join(model.lines("PyBullet", dropped(model))).replace("--", "- -")
+    text = comment(model.lines("PyBullet", dropped(model)))
     body = "\n".join(links + joints)
     return (
         f'<?xml version="1.0"?>\n<!--\n{text}\n\nThe springs are not part of URDF: the script '

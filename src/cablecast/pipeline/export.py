@@ -1,5 +1,6 @@
 """Exports: a dataset in the layout of LeRobot, a cable as models of other simulators."""
 
+import dataclasses
 import itertools
 import math
 import os
@@ -16,6 +17,7 @@ from cablecast.errors import DatasetError, InputError, check_count
 from cablecast.exports import mujoco_, pybullet_, rods
 from cablecast.exports.facts import CableModel
 from cablecast.files import remove_leftovers, temporary_prefix, write_text
+from cablecast.runs.places import file_name
 from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.tuning.tuned import Tuned
 from cablecast.vision.tags import load_cv2
@@ -101,6 +103,8 @@ def export_cable(
     if tuned.params.world_count is not None:
         raise InputError("a cable to export has one set of parameters, not one per world")
     out, cable = pathlib.Path(out), tuned.setup.cable.with_params(tuned.params)
+    # It is the name of the models, too.
+    cable = dataclasses.replace(cable, name=file_name(cable.name))
     models = [
         CableModel(cable=cable, posterior=tuned.posterior, segment_count=segment_count or count)
         for count in (SEGMENT_COUNT, BULLET_SEGMENT_COUNT)

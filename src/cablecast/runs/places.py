@@ -18,12 +18,18 @@ SELECT_FOLDER = "select"
 CHECK_FOLDER = "check"
 
 
-def cable_folder(cable_name: str) -> pathlib.Path:
-    """Return the folder of a cable's results, e.g. runs/cable_1.
+def file_name(cable_name: str) -> str:
+    """Return the name of a cable with all replaced that does not belong in the name of a file.
 
-    The name may come from a user's file: characters that do not belong in a file are replaced.
+    >>> file_name('../rope "red"/1')
+    '_rope_red_1'
     """
-    return RUNS_FOLDER / (re.sub(r"[^\w.-]+", "_", cable_name).strip(".") or "cable")
+    return re.sub(r"[^\w.-]+", "_", cable_name).strip(".") or "cable"
+
+
+def cable_folder(cable_name: str) -> pathlib.Path:
+    """Return the folder of a cable's results, e.g. runs/cable_1."""
+    return RUNS_FOLDER / file_name(cable_name)
 
 
 def rig_folder(verb: str, rig: str) -> str:
