@@ -8,7 +8,7 @@ from tests.data.stick_rig import COUNT, SETUP, StickRig
 
 from cablecast.data.record import collect_dataset
 from cablecast.data.store import CastStore
-from cablecast.errors import DamagedFileError, InputError
+from cablecast.errors import DamagedFileError, InputError, UnreadableFileError
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +71,15 @@ def test_a_damaged_cast_is_said_by_name(casts, tmp_path):
     # Another cast is not taken for it.
     file.write_bytes((tmp_path / "casts" / "00001.parquet").read_bytes())
     with pytest.raises(DamagedFileError, match="must hold the rows 2 to 2"):
+        CastStore(SETUP, tmp_path)
+
+
+def test_a_cast_that_cannot_be_read_is_not_called_damaged(casts, tmp_path):
+    CastStore(SETUP, tmp_path).add_dataset(casts)
+    file = tmp_path / "casts" / "00002.parquet"
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(UnreadableFileError, match=r"00002\.parquet cannot be read"):
         CastStore(SETUP, tmp_path)
 
 

@@ -24,7 +24,13 @@ from cablecast.data.schema import (
     shard_bytes,
     track_extent,
 )
-from cablecast.errors import CablecastError, DamagedFileError, DatasetError, InputError
+from cablecast.errors import (
+    CablecastError,
+    DamagedFileError,
+    DatasetError,
+    InputError,
+    UnreadableFileError,
+)
 from cablecast.files import read_sealed, seal, write_bytes, write_json
 from cablecast.motion.action import ACTION_NAMES
 from cablecast.motion.casting import Action
@@ -299,5 +305,7 @@ class CastStore:
         except DatasetError as error:
             reason = str(error).partition(": delete it")[0]
             raise DamagedFileError(f"{reason}. {_REMEDY}") from None
+        except UnreadableFileError:
+            raise
         except (KeyError, TypeError, ValueError, CablecastError):
             raise DamagedFileError(f"{file} holds no cast. {_REMEDY}") from None
