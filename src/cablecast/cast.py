@@ -362,6 +362,13 @@ class Cast:
         """Return whether the cast was aimed at a goal of some value, shape [k]."""
         return self.goal is not None and self.goal.is_same(value)
 
+    def with_tolerance(self, within_pct: float) -> "Cast":
+        """Return the cast with a tolerance of its goal [% of cable length]; itself if it has it."""
+        if self.proposal is None or self.proposal.goal.within_pct == within_pct:
+            return self
+        goal = dataclasses.replace(self.proposal.goal, within_pct=within_pct)
+        return dataclasses.replace(self, proposal=dataclasses.replace(self.proposal, goal=goal))
+
     @property
     def miss_pct(self) -> float:
         """Distance from goal to outcome [% of cable length]; NaN without either."""

@@ -68,6 +68,18 @@ def test_corrections_bring_casts_to_the_target_within_the_scatter(policy):
     assert len(session.casts) == 25
 
 
+def test_a_hit_is_a_hit_within_the_tolerance_of_now(policy, tmp_path):
+    target = TARGETS[0]
+    session = session_of(policy, within_pct=3.0, out=tmp_path)
+    # 2 % of the cable's length off.
+    session.observe(session.propose(target), track_to(target + [0.02 * SETUP.cable.length, 0.0]))
+    assert session.is_done(target)
+    (cast,) = session_of(policy, within_pct=1.0, out=tmp_path).casts_at(target)
+    assert not cast.hit
+    assert not session_of(policy, within_pct=1.0, out=tmp_path).is_done(target)
+    assert session_of(policy, within_pct=2.5, out=tmp_path).is_done(target)
+
+
 def test_a_target_is_done_once_it_is_hit(policy):
     with rig_of(policy) as rig:
         result = cc.aim(cc.AimSession(policy), rig, TARGETS)

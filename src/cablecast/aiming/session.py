@@ -317,6 +317,7 @@ class AimSession(CastSession):
             self.store.add_dataset(casts)
         if self.store.task.name != self.task.name:
             raise InputError(f"the casts are of {self.store.task.name}, the model {self.task.name}")
+        self.store.set_tolerance(self.config.within_pct)
         self.sight: CameraSight | None = None
         self.drifted = False
         self._refitting = refitting

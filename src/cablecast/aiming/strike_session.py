@@ -64,6 +64,7 @@ class StrikeSession(CastSession):
     ):
         self.setup, self.config = setup, config or AimConfig()
         self.store = CastStore(setup, out, STRIKE)
+        self.store.set_tolerance(self.config.within_pct)
         self.moves = JointMoves.of(setup)
         self.plane = SwingPlane.of(self.moves)
         self.sight = None

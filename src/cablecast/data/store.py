@@ -228,6 +228,10 @@ class CastStore:
                 self.add(cast)
         return len(self) - before
 
+    def set_tolerance(self, within_pct: float) -> None:
+        """Let the goals of all casts have a tolerance [% of cable length]; files keep their own."""
+        self.casts = [cast.with_tolerance(within_pct) for cast in self.casts]
+
     @property
     def sweeps(self) -> list[int]:
         """Numbers of the sweeps that were not discarded: simulators are fitted to these."""
