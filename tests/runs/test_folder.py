@@ -71,6 +71,13 @@ def test_a_damaged_config_is_refused(tmp_path, content):
     assert "\n" not in str(caught.value)
 
 
+def test_a_damaged_config_is_no_obstacle_to_a_run_that_replaces_it(tmp_path):
+    late = RunFolder.open(tmp_path, "train", SETTINGS)
+    (tmp_path / "config.json").write_text("{")
+    with late.locked(replaces=True):
+        assert RunFolder.read(tmp_path) == late
+
+
 @pytest.mark.parametrize("content", ["[1]", "7", "{}", '{"error": 1.0}', "{" * 10**5, "\xff"])
 def test_damaged_metrics_are_refused_and_say_how_to_go_on(tmp_path, content):
     begun(tmp_path, metrics={"error": 1.5})

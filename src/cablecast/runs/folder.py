@@ -385,9 +385,10 @@ class RunFolder:
         """
         claim = _claim(self.path)
         with hold_folder(self.path, InputError, "work"):
-            stored = claim.read()
+            # What is replaced need not be whole.
+            stored = None if replaces else claim.read()
             if stored != self.config:
-                if stored is not None and not replaces:
+                if stored is not None:
                     self.open(self.path, self.command, self.settings)
                 claim.write(self.config)
             yield self
