@@ -8,7 +8,7 @@ from cablecast.cli import main
 from cablecast.data.dataset import read_dataset
 from cablecast.data.mocap import MocapFrame, MocapNames, Take
 from cablecast.data.store import CastStore
-from cablecast.errors import InputError
+from cablecast.errors import DatasetError, InputError
 from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.import_casts import import_casts
@@ -158,6 +158,18 @@ def test_takes_become_casts_that_tuning_reads(system, tmp_path):
     np.testing.assert_array_equal(
         stored.grip_path.evaluate(ticks), tracks.grip_path.evaluate(ticks)
     )
+
+
+def test_takes_that_have_changed_are_not_taken_for_those_that_were_imported(tmp_path):
+    times, points = cast()
+    takes = tmp_path / "takes"
+    takes.mkdir()
+    write_vicon(takes / "take.TXT", times, points)
+    names = MocapNames(frame=write_points(tmp_path / "points.csv"), end="end", grip=("grip",))
+    import_casts(takes, SETUP, mocap=names, out=tmp_path / "out")
+    write_vicon(takes / "take.TXT", times, {**points, "end": points["end"] + [0.01, 0.0, 0.0]})
+    with pytest.raises(DatasetError, match=r"rig\.sha256 is"):
+        import_casts(takes, SETUP, mocap=names, out=tmp_path / "out")
 
 
 def test_the_command_imports_a_take(tmp_path, capsys):

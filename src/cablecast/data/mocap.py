@@ -129,6 +129,11 @@ class Take:
         return EndpointTrack(times=sample_times, endpoint_xy=xy, status=status)
 
 
+def take_files(folder: pathlib.Path) -> list[pathlib.Path]:
+    """Return the files of a folder that are takes, in the order of their names."""
+    return sorted(file for file in folder.iterdir() if file.suffix.lower() in _ENDINGS)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MocapNames:
     """Names of the points that make a cast.
@@ -151,9 +156,7 @@ class MocapNames:
         """
         if not 1 <= len(self.grip) <= 2:
             raise InputError(f"the grip has one point or two, not {len(self.grip)}")
-        files = [path]
-        if path.is_dir():
-            files = sorted(file for file in path.iterdir() if file.suffix.lower() in _ENDINGS)
+        files = take_files(path) if path.is_dir() else [path]
         frame, names, parts = MocapFrame.load(self.frame), [], []
         for file in files:
             take = Take.load(file, frame)

@@ -18,7 +18,7 @@ from cablecast.arm.base import Arm
 from cablecast.cable import Cable
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.conventions import Array
-from cablecast.data.mocap import MocapNames
+from cablecast.data.mocap import MocapNames, take_files
 from cablecast.errors import COUNT_MAX, InputError
 from cablecast.files import read_bytes, read_csv
 from cablecast.motion.casting import Action
@@ -250,8 +250,8 @@ def joint_columns(arm: Arm) -> tuple[str, ...]:
 
 
 def file_digest(path: pathlib.Path) -> str:
-    """Return the checksum of a file, or of the tables of a folder."""
-    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    """Return the checksum of a file, or of the takes in a folder."""
+    files = take_files(path) if path.is_dir() else [path]
     content = b"".join(read_bytes(file, TABLE_SIZE_MAX) for file in files)
     return hashlib.sha256(content).hexdigest()[:16]
 
