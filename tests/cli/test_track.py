@@ -5,6 +5,7 @@ import dataclasses
 import json
 import pathlib
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 pytest.importorskip("cv2")
 
 from cablecast.cli import main
+from cablecast.cli.track import Track
 from cablecast.setup import Setup
 
 # What the project asks of the tracker [m]; with tags alone the lens is known less well.
@@ -228,3 +230,10 @@ def test_bad_calibrations_and_layouts_are_refused(folder, tmp_path, capsys):
     assert "no such folder" in refused([video, "--board", tmp_path / "none", *out], capsys)
     assert "[0, 3600]" in refused([video, "--start", "-1", *out], capsys)
     assert not (tmp_path / "out").exists()
+
+
+def test_the_command_that_imports_what_was_tracked_can_be_typed_whatever_its_files_are_called():
+    verb = Track(videos=(), setup=pathlib.Path("my lab/lab.yaml"))
+    command = verb._import_command(pathlib.Path("my films/casts.csv"))
+    words = ["import", "my films/casts.csv", "--setup", "my lab/lab.yaml"]
+    assert shlex.split(command) == ["cablecast", *words]

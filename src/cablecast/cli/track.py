@@ -3,6 +3,7 @@
 import dataclasses
 import pathlib
 import re
+import shlex
 from typing import Annotated, Any
 
 import tyro
@@ -106,10 +107,13 @@ class Track:
         if config.finds_grip:
             table = out / CASTS_FILE
             count = join_casts(folders, table)
-            known = {"setup": self.setup, "cable": self.cable}
-            more = "".join(f" --{name} {value}" for name, value in known.items() if value)
             print(f"{count} casts are in {table}; take them in with")
-            print(f"  cablecast import {table}{more}")
+            print(f"  {self._import_command(table)}")
+
+    def _import_command(self, table: pathlib.Path) -> str:
+        known = {"--setup": self.setup, "--cable": self.cable}
+        more = [str(word) for pair in known.items() if pair[1] for word in pair]
+        return shlex.join(["cablecast", "import", str(table), *more])
 
 
 def _print_result(metrics: dict[str, Any], out: pathlib.Path) -> None:
