@@ -171,3 +171,10 @@ def test_a_page_without_any_landing_shows_dashes_instead_of_numbers(make_evaluat
     page = page_of(make_evaluation(lost=range(32)))
     assert "0<small> of 32</small>" in page
     assert "nan" not in re.sub(r'data:image/[^"]*|<script.*?</script>', "", page, flags=re.S)
+
+
+def test_a_training_of_one_epoch_has_no_curve_to_draw(make_evaluation):
+    alt = "Training and held-out loss over the epochs"
+    assert alt in page_of(make_evaluation())
+    info = MODEL_INFO | {"curve": MODEL_INFO["curve"][:1]}
+    assert alt not in report_page(make_evaluation(), info, CONFIG)

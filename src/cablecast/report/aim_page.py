@@ -96,7 +96,7 @@ def aim_page(tried: Tried, config: Mapping[str, Any]) -> str:
         figures["joints"] = svg_uri(joints)
     if chosen := chosen_casts(every):
         figures["casts"] = svg_uri(cast_frames(every, chosen))
-    if curve := info.get("curve"):
+    if len(curve := info.get("curve", [])) > 1:
         figures["learning"] = svg_uri(learning_curves([("", curve)], setup.cable.length))
     return render_template(
         "aim.html",

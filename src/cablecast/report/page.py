@@ -79,7 +79,7 @@ def report_page(
         "targets": svg_uri(target_errors(evaluation)),
         "casts": svg_uri(cast_frames(evaluation, chosen)) if chosen else "",
     }
-    if curve := model_info.get("curve"):
+    if len(curve := model_info.get("curve", [])) > 1:
         figures["learning"] = svg_uri(learning_curves([("", curve)], evaluation.cable.length))
     dataset_settings = model_info.get("dataset", {}).get("settings", {})
     return render_template(
