@@ -1,3 +1,4 @@
+import dataclasses
 import types
 
 import numpy as np
@@ -135,6 +136,15 @@ def test_a_dashed_line_joins_each_target_with_its_landing(make_evaluation):
 def test_the_map_can_be_drawn_without_any_landing(make_evaluation):
     figure = landing_map(make_evaluation(lost=range(32)))
     assert png_bytes(figure, dpi=40).startswith(b"\x89PNG")
+
+
+def test_a_cable_that_a_rig_never_saw_is_drawn_without_it(make_evaluation):
+    evaluation = make_evaluation()
+    track = evaluation.casts[0].track
+    unseen = dataclasses.replace(track, nodes=np.full_like(track.nodes, np.nan))
+    cast = dataclasses.replace(evaluation.casts[0], track=unseen)
+    evaluation = dataclasses.replace(evaluation, casts=(cast, *evaluation.casts[1:]))
+    assert png_bytes(cast_frames(evaluation, [0]), dpi=40).startswith(b"\x89PNG")
 
 
 def test_the_coverage_is_shaded_on_both_halves_of_the_table(make_evaluation):

@@ -381,7 +381,7 @@ def cast_frames(evaluation: Evaluation, trial_indices: Sequence[int]) -> "Figure
     options: dict[str, Any] = {"columns": 2, "below": 0.5, "ticks": False}
     # The cable may hang over the sides of a narrow table.
     shapes = [cast.track.nodes for cast in casts if cast.track.nodes is not None]
-    beside = max((float(np.nanmax(np.abs(nodes[..., 0]))) for nodes in shapes), default=0.0)
+    beside = max((float(np.nanmax(np.abs(s[..., 0]), initial=0.0)) for s in shapes), default=0.0)
     side = max(beside, workspace.half_width) + 0.05
     view = workspace_view(workspace, left=-side, right=side)
     figure, panels = workspace_panels(workspace, view, len(casts), **options)
