@@ -12,7 +12,8 @@ from cablecast.cli.aim import Aim, _view_command
 from cablecast.cli.options import TargetOptions, polar_text
 from cablecast.cli.strike import strike_targets
 from cablecast.cli.tries import TableTries
-from cablecast.report.words import distance_text
+from cablecast.evaluation.evaluate import rounded_cells
+from cablecast.report.words import distance_text, place_text
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation
 
@@ -70,3 +71,10 @@ def test_half_and_nine_of_ten_are_stated_to_the_same_digit():
     proposal = types.SimpleNamespace(goal=goal, setup=Setup(), expected=expected)
     numbers = re.findall(r"[\d.]+ cm", distance_text(proposal))
     assert [len(number.partition(".")[2]) for number in numbers] == [4, 4]
+
+
+def test_a_place_a_hair_left_of_the_middle_is_not_at_minus_zero():
+    place = np.array([-1e-5, 1.0])
+    assert polar_text(place) == "r = 1.000 m, theta = 0.0 deg (x = 0.000 m, y = 1.000 m)"
+    assert place_text(place) == "1.00 m, 0°"
+    assert str(rounded_cells(place)) == "[0.0, 1.0]"

@@ -308,4 +308,4 @@ def polar_text(xy: Any) -> str:
 
     (x, y), (r, theta) = xy, xy_to_polar(xy)
     theta_deg = math.degrees(theta)
-    return f"r = {r:.3f} m, theta = {theta_deg:.1f} deg (x = {x:.3f} m, y = {y:.3f} m)"
+    return f"r = {r:.3f} m, theta = {theta_deg:z.1f} deg (x = {x:z.3f} m, y = {y:z.3f} m)"

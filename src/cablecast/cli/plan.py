@@ -83,8 +83,8 @@ def _print_plan(plan: "Plan", path: "JointPath") -> None:
     theta1_deg, theta2_deg, psi_deg = np.degrees(action[[0, 1, 3]])
     pace = "" if action[4] == 1.0 else f", pace = {action[4]:.3f}"
     print(
-        f"action     theta1 = {theta1_deg:.2f} deg, theta2 = {theta2_deg:.2f} deg, "
-        f"r2 = {action[2]:.4f} m, psi = {psi_deg:.2f} deg{pace}"
+        f"action     theta1 = {theta1_deg:z.2f} deg, theta2 = {theta2_deg:z.2f} deg, "
+        f"r2 = {action[2]:.4f} m, psi = {psi_deg:z.2f} deg{pace}"
     )
     print(f"predicted  {polar_text(plan.predicted_xy[0])}")
     print(f"           {plan.miss_pct[0]:.2f} % of cable length from the target")

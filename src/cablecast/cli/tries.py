@@ -172,7 +172,7 @@ class TableTries(Tries[AimSession]):
     def short_place(self, outcome: Array) -> str:
         """Return a place on the table, polar alone."""
         r, theta = xy_to_polar(outcome)
-        return f"r = {r:.2f} m, theta = {math.degrees(theta):.1f} deg"
+        return f"r = {r:.2f} m, theta = {math.degrees(theta):z.1f} deg"
 
     def plan(self, proposal: Proposal) -> list[str]:
         """Return why a motion is proposed, and the motion."""

@@ -358,7 +358,8 @@ def trial_rows(evaluation: Evaluation) -> list[dict[str, object]]:
 
 def rounded_cells(values: Iterable[float]) -> list[float | str]:
     """Round numbers to four decimals (0.1 mm) for a table; an unknown one is an empty cell."""
-    return [round(float(value), 4) if math.isfinite(value) else "" for value in values]
+    # Zero is added so that none is -0.0.
+    return [round(float(value), 4) + 0.0 if math.isfinite(value) else "" for value in values]
 
 
 def save_trials(evaluation: Evaluation, path: pathlib.Path) -> None:

@@ -134,7 +134,7 @@ class Plan:
 
 def _place(xy: NDArray[np.float64]) -> str:
     r, theta = xy_to_polar(xy)
-    return f"r = {r:.3f} m, theta = {np.degrees(theta):.1f} deg"
+    return f"r = {r:.3f} m, theta = {np.degrees(theta):z.1f} deg"
 
 
 @runtime_checkable

@@ -464,8 +464,8 @@ class PolarCast:
 
     def __str__(self) -> str:
         return (
-            f"the polar cast at {np.degrees(self.azimuth):.1f} deg and pace {self.pace:.2f}, "
-            f"pulled to x = {self.x:.3f} m, y = {self.y:.3f} m"
+            f"the polar cast at {np.degrees(self.azimuth):z.1f} deg and pace {self.pace:.2f}, "
+            f"pulled to x = {self.x:z.3f} m, y = {self.y:z.3f} m"
         )
 
     @classmethod

@@ -498,7 +498,7 @@ def _nearest_words(xy: ArrayLike, landed: Array) -> str:
     gaps = np.linalg.norm(landed - np.asarray(xy, dtype=float), axis=1)
     nearest = np.nanargmin(gaps)
     r, theta = xy_to_polar(landed[nearest])
-    return f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {100 * gaps[nearest]:.0f} cm away"
+    return f"r = {r:.2f} m, theta = {np.degrees(theta):z.1f} deg, {100 * gaps[nearest]:.0f} cm away"
 
 
 def _distance(xy: ArrayLike, landed: Array) -> Array:

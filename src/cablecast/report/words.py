@@ -39,7 +39,7 @@ _SMALL_STEP, _LARGE_MISS = 3.0, 0.1
 def place_text(xy: NDArray[np.float64]) -> str:
     """Return a place on the table [m], shape [2], in polar coordinates."""
     r, theta = xy_to_polar(xy)
-    return f"{r:.2f} m, {math.degrees(theta):.0f}°"
+    return f"{r:.2f} m, {math.degrees(theta):z.0f}°"
 
 
 def miss_text(cast: Cast) -> str:
@@ -163,7 +163,7 @@ def stop_text(stop: Stop) -> str:
     r, theta = xy_to_polar(stop.nearest)
     return (
         f"{why}; the nearest landing of a {'simulated ' * stop.is_simulated}cast is "
-        f"r = {r:.2f} m, theta = {np.degrees(theta):.1f} deg, {miss:.1f} cm off the target"
+        f"r = {r:.2f} m, theta = {np.degrees(theta):z.1f} deg, {miss:.1f} cm off the target"
     )
 
 
@@ -195,8 +195,8 @@ def _reason(earlier: list[Cast], proposal: Proposal) -> str:
         turn, right, away = math.degrees(azimuth), 100.0 * x, 100.0 * y
         small = math.hypot(turn, right, away) < _SMALL_STEP
         return (
-            f"try {last.try_number} with the azimuth {turn:+.1f} deg, the end of the pull "
-            f"{right:+.1f} cm in x and {away:+.1f} cm in y"
+            f"try {last.try_number} with the azimuth {turn:+z.1f} deg, the end of the pull "
+            f"{right:+z.1f} cm in x and {away:+z.1f} cm in y"
             + (f", pace {pace:+.2f}" if round(pace, 2) else "")
             + (small_step_text(proposal, last) if small else "")
         )
@@ -206,11 +206,12 @@ def _reason(earlier: list[Cast], proposal: Proposal) -> str:
     nearest = int(np.argmin(sizes))
     if sizes[nearest] > _OTHER_ACTION:
         return "another action, which is expected to land nearer than a correction of the last"
-    theta1, theta2, r2, psi, pace = steps[nearest]
+    r2, pace = 100.0 * steps[nearest][2], steps[nearest][4]
+    theta1, theta2, psi = np.degrees(steps[nearest][[0, 1, 3]])
     why = small_step_text(proposal, landed[nearest][0]) if sizes[nearest] < _SMALL_STEP else ""
     return (
-        f"try {landed[nearest][0].try_number} with theta1 {math.degrees(theta1):+.1f} deg, theta2 "
-        f"{math.degrees(theta2):+.1f} deg, r2 {100 * r2:+.1f} cm, psi {math.degrees(psi):+.1f} deg"
+        f"try {landed[nearest][0].try_number} with theta1 {theta1:+z.1f} deg, theta2 "
+        f"{theta2:+z.1f} deg, r2 {r2:+z.1f} cm, psi {psi:+z.1f} deg"
         + (f", pace {pace:+.2f}" if round(pace, 2) else "")
         + why
     )

@@ -90,7 +90,7 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     shares, names = 100.0 * preview.limit_shares, desk.setup.arm.joint_names
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
-        ("target", f"{r:.3f} m, {math.degrees(theta):.1f}°, try {proposal.try_number}"),
+        ("target", f"{r:.3f} m, {math.degrees(theta):z.1f}°, try {proposal.try_number}"),
         ("chance of a hit", hit_text(proposal, tries)),
         ("most likely", f"{_length_text(half, length)} off"),
         ("nine of ten", f"within {_length_text(most, length)}"),
