@@ -60,8 +60,11 @@ def test_a_target_that_needs_no_cast_is_said_with_the_reason(capsys):
 
 
 def test_a_target_that_is_given_twice_counts_once():
-    targets = TargetOptions(target=((1.0, 5.0), (1.1, 0.0), (1.0, 5.0))).targets(Setup())
-    assert len(targets) == 2
+    polar, cartesian = ((1.1, -0.0), (1.0, 5.0), (1.1, 0.0), (1.0, 5.0)), ((0.0, 1.1), (0.2, 1.1))
+    targets = TargetOptions(target=polar, target_xy=cartesian).targets(Setup())
+    np.testing.assert_allclose(targets[[0, 2]], [[0.0, 1.1], [0.2, 1.1]])
+    assert len(targets) == 3
+    assert len(TargetOptions().targets(Setup())) == 0
     assert len(strike_targets(Aim(target=((1.2, 0.9), (1.2, 0.9))))) == 1
 
 

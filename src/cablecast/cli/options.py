@@ -78,20 +78,21 @@ class TargetOptions:
         """
         import numpy as np
 
-        from cablecast.task import LANDING
+        from cablecast.task import LANDING, SAME_GOAL
 
-        # A target that is given twice counts once.
-        polar, cartesian = dict.fromkeys(self.target), dict.fromkeys(self.target_xy)
         try:
-            found = [LANDING.values(setup, r=r, theta_deg=theta) for r, theta in polar]
+            found = [LANDING.values(setup, r=r, theta_deg=theta) for r, theta in self.target]
         except TargetError as error:
             raise TargetError(
                 f"{error} (--target takes r first, in m, then theta in deg)"
             ) from None
-        found += [LANDING.values(setup, xy) for xy in cartesian]
-        if most is not None and len(found) > most:
-            raise InputError(f"{len(found)} targets are given: it takes {most}")
-        return np.concatenate([np.zeros((0, 2)), *found])
+        found += [LANDING.values(setup, xy) for xy in self.target_xy]
+        places = np.concatenate([np.zeros((0, 2)), *found])
+        # A target that is given twice, in either form, counts once.
+        _, first = np.unique(np.round(places / SAME_GOAL), axis=0, return_index=True)
+        if most is not None and len(first) > most:
+            raise InputError(f"{len(first)} targets are given: it takes {most}")
+        return places[np.sort(first)]
 
 
 def paper_targets(setup: "Setup") -> "NDArray[np.float64]":
