@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -105,6 +106,20 @@ def test_casts_that_are_made_again_are_evaluated_again(in_copy, capsys, monkeypa
     assert (in_copy / "runs/evaluate/trials.csv").read_text() != trials
     # What is done now is shown as it is.
     assert ask(words, capsys) == (0, new, [])
+
+
+@pytest.mark.parametrize(
+    ("verb", "lost"), [("tune", "tune/params.json"), ("train", "model/policy.npz")]
+)
+def test_a_result_that_lacks_a_file_says_how_it_is_made_again(verb, lost, in_copy, capsys):
+    words, file = (verb, *SMALL[verb]), in_copy / "runs" / lost
+    file.unlink()
+    status, _, lines = ask(words, capsys)
+    assert (status, len(lines)) == (2, 1)
+    named = re.search(r"Delete (\S+), and the same command", lines[0])
+    (in_copy / named[1]).unlink()
+    assert ask(words, capsys)[0] == 0
+    assert file.is_file()
 
 
 @pytest.mark.parametrize("name", READINGS)

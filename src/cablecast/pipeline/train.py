@@ -34,7 +34,7 @@ from cablecast.motion.feasibility import ACTION_COUNT_MAX
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.report.curves import learning_curves
 from cablecast.report.style import png_bytes
-from cablecast.runs.folder import RunFolder
+from cablecast.runs.folder import METRICS_FILE, RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 
 Method = typing.Literal["network", "gaussian-process"]
@@ -134,7 +134,11 @@ def train(
         run = RunFolder.open(folder, "train", settings)
         if run.metrics is not None:
             progress(Progress(task=f"Training the model of {setup.cable.name}", note=DONE_NOTE))
-            return ForwardSearchPolicy.load(folder)
+            try:
+                return ForwardSearchPolicy.load(folder)
+            except CheckpointError as error:
+                again = f"Delete {run.path / METRICS_FILE}, and the same command trains anew"
+                raise CheckpointError(f"{error}. {again}") from None
         with run.locked():
             model = trained()
             task = f"Choosing {candidate_count} candidates that the arm can follow"

@@ -14,7 +14,7 @@ from cablecast.files import write_bytes
 from cablecast.pipeline.places import folder_or_temporary, require
 from cablecast.report.maps import spread_choice, track_panels
 from cablecast.report.style import png_bytes
-from cablecast.runs.folder import RunFolder
+from cablecast.runs.folder import METRICS_FILE, RunFolder
 from cablecast.runs.progress import DONE_NOTE, Progress, ProgressCallback, show
 from cablecast.runs.workers import LOCAL, connected
 from cablecast.tuning.fit import FitConfig
@@ -108,9 +108,12 @@ def tune(
             with run.locked(), connected(workers):
                 return _search(run, casts, split, engines, config, progress, out is not None)
         progress(Progress(task=f"Tuning {casts.cable.name}", note=DONE_NOTE))
-        return dataclasses.replace(
-            load_tuned(folder, casts.setup), metrics=run.metrics or {}, path=folder
-        )
+        try:
+            found = load_tuned(folder, casts.setup)
+        except InputError as error:
+            again = f"Delete {run.path / METRICS_FILE}, and the same command fits anew"
+            raise InputError(f"{error}. {again}") from None
+        return dataclasses.replace(found, metrics=run.metrics or {}, path=folder)
 
 
 def _search(
