@@ -108,6 +108,13 @@ def test_casts_that_are_made_again_are_evaluated_again(in_copy, capsys, monkeypa
     assert ask(words, capsys) == (0, new, [])
 
 
+def test_a_report_that_was_deleted_is_drawn_again(in_copy, capsys):
+    report = in_copy / "runs/evaluate/report.html"
+    report.unlink()
+    assert ask(("evaluate", *SMALL["evaluate"]), capsys)[0] == 0
+    assert report.is_file()
+
+
 @pytest.mark.parametrize(
     ("verb", "lost"), [("tune", "tune/params.json"), ("train", "model/policy.npz")]
 )

@@ -98,7 +98,8 @@ def evaluate(
                 progress=progress,
             )
             # Missing casts were just made again: the old metrics are not of these.
-            if stored is not None and stored.get("casts_fingerprint") == evaluation.fingerprint:
+            known = stored is not None and stored.get("casts_fingerprint") == evaluation.fingerprint
+            if known and (run.path / REPORT_FILE).is_file():
                 return dataclasses.replace(evaluation, metrics=stored)
             metrics = evaluation_metrics(evaluation)
             if out is not None:
