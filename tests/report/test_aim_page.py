@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import re
 import types
@@ -110,6 +111,12 @@ def test_each_target_says_what_came_of_it_and_how_far_each_try_missed(page):
     assert "<td>left after one try: " in page
     assert "<td>not cast at: " in page
     assert "<td>out of reach: no simulated cast lands there</td><td></td>" in page
+
+
+def test_one_try_is_not_called_all_of_them(tried):
+    first, stuck, _, last = tried.stops
+    page = aim_page(dataclasses.replace(tried, stops=[first, stuck, None, last]), CONFIG)
+    assert "<td>missed by its only try</td>" in page
 
 
 def test_the_table_of_casts_and_the_film_have_every_try(page, tried):

@@ -146,7 +146,7 @@ def _outcome_text(casts: Sequence[Cast], stop: Stop | None) -> str:
     if hits:
         return f"hit at try {hits[0]}"
     if stop is None:
-        return f"missed by all {len(casts)} tries"
+        return f"missed by all {len(casts)} tries" if len(casts) > 1 else "missed by its only try"
     left = f"left after {len(casts)} tries" if len(casts) > 1 else "left after one try"
     return f"{left if casts else 'not cast at'}: {stop_text(stop)}"
 

@@ -223,7 +223,9 @@ class Desk:
                 return
             self.stop = _stop_words(session, session.propose(last.target_xy))
             if not self.stop and session.is_done(last.target_xy):
-                self.stop = f"all {session.config.tries} tries at this target are used"
+                used = len(session.casts_at(last.target_xy))
+                words = f"all {used} tries at this target are" if used > 1 else "its only try is"
+                self.stop = f"{words} used"
 
     def correct(self) -> Preview:
         """Plan the next cast at the target of the last one."""
