@@ -299,6 +299,12 @@ def test_a_session_that_began_without_calibration_goes_on_without(rig, tmp_path,
         assert (session.model.fitted_to is None) == (begins == "nothing")
 
 
+def test_a_session_that_began_with_calibration_says_so_where_none_is_asked_for(rig, tmp_path):
+    (tmp_path / "calibration").mkdir()
+    with pytest.raises(InputError, match="began with calibration casts"):
+        prepare(rig, out=tmp_path, calibration_count=0)
+
+
 def test_a_fork_is_fitted_anew_without_touching_the_folder(rig, begun):
     session = prepare(rig, out=begun, tries=1)
     other = session.fork()

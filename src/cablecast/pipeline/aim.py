@@ -252,6 +252,11 @@ def prepare_aim(
     elif model is None and casts is None and config.calibration_count:
         calibrates = True
         casts = _calibration_casts(rig, config, folder, progress)
+    elif model is None and casts is None and folder and (folder / CALIBRATION_FOLDER).exists():
+        raise InputError(
+            f"{folder} began with calibration casts, and goes on with them: give their number "
+            "(--calibration-count), or another folder (--out)"
+        )
     session = AimSession(
         model or learning.first(casts, tuned, progress),
         casts=casts,
