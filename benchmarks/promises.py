@@ -9,6 +9,7 @@ Each laboratory is kept in --out: the same command resumes where it was stopped.
 
 import dataclasses
 import itertools
+import math
 import pathlib
 import time
 from collections.abc import Iterator, Sequence
@@ -23,7 +24,7 @@ from benchmarks.labs import describe, drawn_place
 from benchmarks.result import Table, code_key, plain
 from cablecast.aiming.propose import hit_chances
 from cablecast.evaluation.evaluate import median_interval
-from cablecast.pipeline.check import LabCheck, outlooks
+from cablecast.pipeline.check import LabCheck
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.runs.folder import Parts
@@ -32,7 +33,12 @@ LAB_SEED = 500
 """Seed of the virtual laboratory of the first random one."""
 LENGTH_MAX = 1.5
 """Length of the longest cable [m]."""
-DEPTHS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3)
+REACHED_BY = {
+    "calm": "calm casts",
+    "edge": "calm casts, at their edge",
+    "wild": "fast casts only",
+}
+"""Words of each outlook of `check`."""
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 """Bounds of stated chances that count as one class."""
 
@@ -94,9 +100,7 @@ def aim_at(
     session: cc.AimSession, rig: CheckedRig, checked: LabCheck, place: NDArray[np.float64]
 ) -> dict[str, Any]:
     """Return what was stated of a target, and what became of it."""
-    length = checked.setup.cable.length
-    depth = [share for share in DEPTHS if checked.is_calm(place, share * length)]
-    row: dict[str, Any] = {"xy": place.tolist(), "calm": bool(depth), "depth": depth, "within": []}
+    row: dict[str, Any] = {"xy": place.tolist(), "outlook": checked.outlook_at(place), "within": []}
     row |= {"stated": [], "miss_pct": [], "family": [], "stop": ""}
 
     def note(proposal: cc.Proposal) -> None:
@@ -141,7 +145,7 @@ def promises(args: PromisesArgs) -> Iterator[Table]:
         seed += 1
     rows = [row for lab in found for row in lab["targets"]]
     yield outcomes(found)
-    yield checks(rows, args.tries)
+    yield checks(found, args.tries)
     yield casts(rows)
     yield misses(rows, args.tries)
 
@@ -165,15 +169,28 @@ def outcomes(found: Sequence[dict[str, Any]]) -> Table:
     return Table("Laboratories", ("outcome", "labs"), [row for row in rows if row[1]])
 
 
-def checks(rows: Sequence[dict[str, Any]], tries: int) -> Table:
-    """Return the chances that `check` stated, and the share of targets that was hit."""
+def checks(found: Sequence[dict[str, Any]], tries: int) -> Table:
+    """Return the share of targets that was hit by what `check` says of them before any cast.
+
+    Next to it is the share that it would state if it knew the other half of the laboratories only,
+    those with even numbers for odd ones.
+    """
     table = []
-    for name, calm in (("calm", True), ("wild", False)):
-        own = [hits(row, tries) for row in rows if row["calm"] == calm]
-        for number, stated in enumerate(outlooks()[name].hit):
-            hit = [row[number] for row in own]
-            words = "a calm cast" if calm else "only fast ones"
-            table.append((words, number + 1, len(own), 100.0 * stated, *share(hit)))
+    played = [lab for lab in found if not lab["refused"]]
+    for name, words in REACHED_BY.items():
+        own = [
+            (number % 2, hits(row, tries))
+            for number, lab in enumerate(played)
+            for row in lab["targets"]
+            if row["outlook"] == name
+        ]
+        for number in range(tries):
+            halves = [[hit[number] for half, hit in own if half == which] for which in (0, 1)]
+            means = [100.0 * float(np.mean(half)) if half else math.nan for half in halves]
+            sizes = [len(half) for half in halves]
+            stated = (sizes[0] * means[1] + sizes[1] * means[0]) / max(sum(sizes), 1)
+            cells = (stated, *share([hit[number] for _, hit in own]))
+            table.append((words, number + 1, len(own), *cells))
     columns = ("reached by", "tries", "targets", "stated [%]", "hit [%]", "low", "high")
     return Table("What check says before any cast", columns, table)
 

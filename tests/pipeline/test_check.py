@@ -111,15 +111,24 @@ def test_the_verb_prints_what_is_reached_and_draws_it(tmp_path, monkeypatch, cap
 
 
 def test_the_outlook_of_a_target_is_what_the_benchmark_measured():
-    assert read_json(OUTLOOK_FILE) == outlook_values(quoted("five-casts"))
+    assert read_json(OUTLOOK_FILE) == outlook_values(quoted("promises"), quoted("five-casts"))
 
 
-def test_a_target_that_calm_casts_reach_has_better_words_than_one_of_fast_casts(checked):
-    far, aside = polar_to_xy([1.2, 0.0]), polar_to_xy([0.5, 1.1])
-    assert checked.is_calm(far)
-    assert not checked.is_calm(aside)
-    assert outlooks()["calm"].words(checked.setup.cable.length) in checked.words_at(far)
-    assert outlooks()["wild"].words(checked.setup.cable.length) in checked.wild_words_at(aside)
+def test_what_to_expect_of_a_target_is_said_by_the_casts_that_reach_it(checked):
+    length = checked.setup.cable.length
+    places = {
+        "calm": polar_to_xy([1.2, 0.0]),
+        "edge": polar_to_xy([1.49, 0.0]),
+        "wild": polar_to_xy([0.5, 1.1]),
+    }
+    for kind, xy in places.items():
+        assert checked.outlook_at(xy) == kind
+        assert outlooks()[kind].words(length) in checked.words_at(xy)
+    assert checked.doubt_words_at(places["calm"]) == ""
+    assert checked.doubt_words_at(places["edge"]).startswith("it is at the edge of")
+    assert "The nearest landing of a calm cast is r = " in checked.doubt_words_at(places["wild"])
+    first, second, *_ = outlooks()["calm"].hit
+    assert first < second
 
 
 def test_what_a_reset_does_to_the_cable_is_said_before_any_cast(checked, capsys):

@@ -186,7 +186,7 @@ class PolarLandings:
             for _ in range(_STEPS):
                 if (cast := self.reach.cast_to(aim_xy, self.pace)) is None:
                     break
-                if self._folded(cast, self._modelled_xy(cast)) > LAID_OUT:
+                if self._folded(cast, self._modelled(cast)[0]) > LAID_OUT:
                     break
                 offset = target_xy - self.expectation(cast).mean
                 plan_trajectory(cast, self.setup)
@@ -218,9 +218,11 @@ class PolarLandings:
         left = np.maximum(squares[:, 0] * alone - np.sum(gains * kernels, axis=2), 0.0)
         mean, left = self._weights @ means, self._weights @ (left + means**2)
         noise = self._weights @ self._noise([cast], sways)[:, :, 0]
-        covariance = length**2 * axes.T @ np.diag(left - mean**2 + noise) @ axes
+        middle, doubt = self._modelled(cast)
+        along = np.array([doubt**2, 0.0])
+        covariance = length**2 * axes.T @ np.diag(left - mean**2 + noise + along) @ axes
         return Expectation(
-            mean=self._modelled_xy(cast) + length * mean @ axes,
+            mean=middle + length * mean @ axes,
             covariance=covariance,
             law=law or MissLaw(),
             scatter=length * float(np.sqrt(np.mean(noise))),
@@ -234,17 +236,19 @@ class PolarLandings:
             self._known[cast] = rollout.endpoint_xy[0, -1]
         return self._known[cast]
 
-    def _modelled_xy(self, cast: PolarCast) -> Array:
-        """Return where a cast lands before its error is known [m], shape [2].
+    def _modelled(self, cast: PolarCast) -> tuple[Array, float]:
+        """Return where a cast lands before its error is known [m], [2], and a doubt [lengths].
 
         That is where the simulator says; or where a straight cable ends, if the simulator folds the
-        cable, and real casts at the pace of this one laid it out.
+        cable, and real casts at the pace of this one laid it out. Which of them is right is not
+        known: the doubt is half of the fold.
         """
         simulated_xy = self._simulated_xy(cast)
+        folded = self._folded(cast, simulated_xy)
         made = [self._folded(a, c.final_xy) for c, a in self._made if a.pace == cast.pace]
-        if self._folded(cast, simulated_xy) > LAID_OUT and np.median(made or [np.inf]) < LAID_OUT:
-            return self.reach.end_xy(cast.to_array())
-        return simulated_xy
+        if folded > LAID_OUT and np.median(made or [np.inf]) < LAID_OUT:
+            return self.reach.end_xy(cast.to_array()), 0.5 * folded
+        return simulated_xy, 0.0
 
     def _axes(self, cast: PolarCast) -> Array:
         """Return the unit vectors along the resting cable and across it, to its right, [2, 2]."""
@@ -298,7 +302,7 @@ class PolarLandings:
 
     def _error(self, cast: Cast, action: PolarCast) -> Array:
         """Return the error of the simulator on the axes of a cast [cable lengths], shape [2]."""
-        offset = cast.final_xy - self._modelled_xy(action)
+        offset = cast.final_xy - self._modelled(action)[0]
         return self._axes(action) @ offset / self.setup.cable.length
 
     @functools.cached_property

@@ -228,8 +228,8 @@ def _within_reach(
     for xy, why in beyond:
         print(_beyond_line(xy, why), flush=True)
     for xy in targets[np.logical_not(is_beyond)]:
-        if not found.is_calm(xy):
-            print(f"{polar_text(xy)}: reached by {found.wild_words_at(xy)}", flush=True)
+        if words := found.doubt_words_at(xy):
+            print(f"{polar_text(xy)}: {words}", flush=True)
     if all(is_beyond):
         with console_progress() as progress:
             changes = check(setup, progress=progress).changes

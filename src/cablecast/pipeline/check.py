@@ -52,6 +52,9 @@ REACH_GAP = 0.08
 """A place counts as reached if one of 400 simulated casts comes to rest within this distance [m].
 Between these casts there are others: of three tables they mark 55, 58 and 66 %, where 3,000 casts
 mark 53, 53 and 65 % within 3 cm."""
+EDGE_SHARE = 0.1
+"""Share of the cable's length about a place within which all others are to be reached, too, for it
+not to be at the edge [-]."""
 DOUBT_SHARE = 0.1
 """Share of the cable's length by which a landing of the true cable may lie beyond those of all
 believed ones [-]."""
@@ -78,11 +81,11 @@ _BETTER, _BETTER_BY = 1.15, 0.03
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Outlook:
-    """What became of targets in the virtual laboratories; `python -m benchmarks casts` measures it.
+    """What became of targets in random laboratories; `python -m benchmarks promises` measures it.
 
     Attributes:
         count: Number of targets.
-        hit: Share of them that was hit within 1, 2, 3 and 4 tries [-].
+        hit: Share of them that was hit within 1, 2, ... 6 tries [-].
         floor: Median distance of equal casts from their middle [cable lengths]: no correction
             comes nearer.
     """
@@ -93,21 +96,18 @@ class Outlook:
 
     def words(self, length: float) -> str:
         """Return what to expect with a cable of a length [m]."""
-        first, second, _, fourth = (100.0 * share for share in self.hit)
+        first, second, fourth, sixth = (100.0 * self.hit[tries - 1] for tries in (1, 2, 4, 6))
         return (
-            f"a hit has a chance of {first:.0f} % at the first try, {second:.0f} % within two and "
-            f"{fourth:.0f} % within four, as at {self.count} such targets of virtual laboratories; "
-            f"equal casts land about {100.0 * self.floor * length:.1f} cm from their middle"
+            f"a hit has a chance of {first:.0f} % at the first try, {second:.0f} % within two, "
+            f"{fourth:.0f} % within four and {sixth:.0f} % within six, as at {self.count} such "
+            f"targets of random laboratories; equal casts land about "
+            f"{100.0 * self.floor * length:.1f} cm from their middle"
         )
 
 
 @functools.cache
 def outlooks() -> dict[str, Outlook]:
-    """Return what to expect of targets that a slow or a polar cast reaches, and of others.
-
-    Returns:
-        The outlooks "calm" and "wild".
-    """
+    """Return what to expect of targets by `LabCheck.outlook_at`."""
     return {name: Outlook(**values) for name, values in read_json(OUTLOOK_FILE).items()}
 
 
@@ -192,9 +192,9 @@ class LabCheck:
         reached = round(float(self.chance(xy)) * count)
         if reached:
             lands = f"simulated casts land there for {reached} of {count} cables that this may be"
-            if self.is_calm(xy):
-                return f"{lands}: {outlooks()['calm'].words(self.setup.cable.length)}"
-            return f"{lands}, but {self.wild_words_at(xy)}"
+            if words := self.doubt_words_at(xy):
+                return f"{lands}, but {words}"
+            return f"{lands}: {outlooks()['calm'].words(self.setup.cable.length)}"
         where = _nearest_words(xy, self.landing_xy.reshape(-1, 2))
         return f"no simulated cast of what this cable may be lands there: the nearest is {where}"
 
@@ -207,13 +207,26 @@ class LabCheck:
         about = margin * np.stack([np.sin(turn), np.cos(turn)], axis=-1)
         return bool(np.all(_distance(np.asarray(xy) + about, self.calm_xy) <= REACH_GAP))
 
-    def wild_words_at(self, xy: ArrayLike) -> str:
-        """Return what to expect at a place [m], shape [2], that no calm cast reaches."""
+    def outlook_at(self, xy: ArrayLike) -> str:
+        """Return what to expect at a place [m], shape [2]: a key of `outlooks`.
+
+        "calm" well within what slow and polar casts reach, "edge" at the edge of it, and "wild"
+        where only fast casts land.
+        """
+        if not self.is_calm(xy):
+            return "wild"
+        return "calm" if self.is_calm(xy, EDGE_SHARE * self.setup.cable.length) else "edge"
+
+    def doubt_words_at(self, xy: ArrayLike) -> str:
+        """Return what to expect at a place [m], shape [2], if not the best; else nothing."""
+        kind = self.outlook_at(xy)
+        words = outlooks()[kind].words(self.setup.cable.length)
+        if kind == "calm":
+            return ""
+        if kind == "edge":
+            return f"it is at the edge of what calm ones reach: {words}"
         near = _nearest_words(xy, self.calm_xy) if len(self.calm_xy) else "nowhere"
-        return (
-            f"only fast ones: {outlooks()['wild'].words(self.setup.cable.length)}. The nearest "
-            f"landing of a calm cast is {near}"
-        )
+        return f"only fast ones: {words}. The nearest landing of a calm cast is {near}"
 
     @property
     def reaches_anything(self) -> bool:

@@ -10,7 +10,7 @@ from cablecast.motion.casting import Action
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.rigs.virtual._hidden import HiddenArm
-from cablecast.rigs.virtual.arm import REPORT_DT, move_arm
+from cablecast.rigs.virtual.arm import REPORT_DT, LiveArm, move_arm
 from cablecast.rigs.virtual.config import TrialNoise
 from cablecast.rigs.virtual.trials import Trial
 from cablecast.setup import Setup
@@ -69,6 +69,25 @@ def test_the_gripper_is_where_the_joints_of_this_very_arm_are(arm):
     # It ends where the motion ends, whatever the arm and its mounting.
     end = trajectory.grip_path.evaluate([trajectory.duration])[0, 0]
     np.testing.assert_allclose(motion.poses[-1], end, atol=5 * SETTLED)
+
+
+def test_a_gripper_that_turns_past_half_a_turn_does_not_spin_back():
+    action = Action(np.radians(-50), np.radians(45), 0.6, np.radians(179.9))
+    trajectory = plan_trajectory(action, SETUP)
+    q = trajectory.joint_path.q.copy()
+    q[:, 5] += 0.1 * (q[:, 5] - q[0, 5])
+    farther = dataclasses.replace(trajectory.joint_path, q=q)
+    trajectory = dataclasses.replace(trajectory, joint_path=farther)
+    motion = play([trajectory], [SILENT])[0]
+    assert np.abs(motion.poses[:, 3]).max() > np.pi
+    assert np.abs(np.diff(motion.poses[:, 3])).max() < 0.02
+    live = LiveArm(SETUP, trajectory.joint_path.q[0])
+    yaw = []
+    for q in trajectory.joint_path.q:
+        live.command(q)
+        yaw.append(live.advance(8)[-1, 3])
+    assert np.abs(yaw).max() > np.pi
+    assert np.abs(np.diff(yaw)).max() < 0.1
 
 
 def test_a_step_of_a_set_point_is_answered_as_a_second_order_system_with_a_dead_time():

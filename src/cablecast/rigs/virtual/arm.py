@@ -105,6 +105,8 @@ def move_arm(
             )
             followed = q, qd, arm.grip_pose(q) if jointed else q
         for row, q, qd, poses in zip(rows, *followed, strict=True):
+            # The angle of a pose jumps where the gripper turns through half a turn.
+            poses[:, 3] = np.unwrap(poses[:, 3])
             report = _report(q, qd, trajectories[row], trials[row], dt) if jointed else None
             motions[row] = ArmMotion(poses=poses, joint_path=report, q=q if jointed else None)
     return [motions[row] for row in range(len(trajectories))]
@@ -223,6 +225,7 @@ class LiveArm:
         self._torque_factor = 1.0
         self._times = [-1.0, 0.0]
         self._set_points = [self.q.copy(), self.q.copy()]
+        self._yaw = float(self.arm.grip_pose(self.q)[3])
 
     def prepare(self, trial: Trial) -> None:
         """Let the servos respond as in a trial."""
@@ -252,7 +255,7 @@ class LiveArm:
         """Move on, and return x, y, z [m], yaw, pitch [rad] of the grip, shape [step, 5]."""
         if self._is_still():
             self.time += step_count * self.dt
-            return np.repeat(self.arm.grip_pose(self.q)[None], step_count, axis=0)
+            return np.repeat(self._poses(self.q[None]), step_count, axis=0)
         servos = self._servos
         times, points = np.array(self._times), np.stack(self._set_points)
         now = self.time + self.dt * np.arange(1, step_count + 1)
@@ -273,7 +276,14 @@ class LiveArm:
         path = _follow(servos, joints, self._factor[None], start, command, strength, self.dt)
         self.q, self.qd = path[:, 0, -1].copy()
         self.time += step_count * self.dt
-        return self.arm.grip_pose(path[0, 0, 1:])
+        return self._poses(path[0, 0, 1:])
+
+    def _poses(self, q: Array) -> Array:
+        """Return the poses of the grip, whose yaw goes on from the last one, shape [step, 5]."""
+        poses = self.arm.grip_pose(q)
+        poses[:, 3] = np.unwrap([self._yaw, *poses[:, 3]])[1:]
+        self._yaw = float(poses[-1, 3])
+        return poses
 
     def _is_still(self) -> bool:
         """Put the joints to rest where they have reached a set point that holds."""
