@@ -7,7 +7,7 @@ import pathlib
 import numpy as np
 import pytest
 
-from cablecast.arm.description import arm_from_dict
+from cablecast.arm.description import _capsule, arm_from_dict
 from cablecast.arm.shape import self_gaps
 from cablecast.arm.ur import ArmUR
 from cablecast.errors import IKError, InputError, UnknownNameError
@@ -157,6 +157,18 @@ def test_the_arm_works_above_the_table_and_within_its_ranges(name):
     assert np.all(np.abs(q - arm.limits.middle) <= arm.limits.position)
     links = arm.links(arm.frames(q))
     assert np.all(links.ends[:, 2:-1, :, 2] > links.safe[2:-1, None])
+
+
+def test_no_point_of_a_link_lies_beyond_what_a_distance_is_kept_from():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(500, 3)) * [0.05, 0.03, 0.2] + [0.1, 0.0, 0.3]
+    *ends, drawn, safe = _capsule(points, np.eye(4), np.eye(4), 0.05)
+    start, end = np.reshape(ends, (2, 3))
+    way = end - start
+    share = np.clip((points - start) @ way / (way @ way), 0.0, 1.0)
+    off = np.linalg.norm(points - start - share[:, None] * way, axis=1)
+    assert safe == pytest.approx(off.max())
+    assert 0.85 < np.mean(off <= drawn) < 1.0
 
 
 def test_a_redundant_arm_leaves_its_middle_no_farther_than_it_must():
@@ -386,7 +398,10 @@ def test_menagerie_without_its_package_says_what_to_install():
 def test_an_arm_never_folds_into_itself_where_it_holds_the_grip():
     arm = pybullet_arm("xarm6")
     # So thick a fore-arm meets the base where the arm folds.
-    thick = [(*row[:6], 0.11 if joint == 4 else row[6]) for joint, row in enumerate(arm.capsules)]
+    thick = [
+        (*row[:6], *((0.11, 0.11) if joint == 4 else row[6:]))
+        for joint, row in enumerate(arm.capsules)
+    ]
     thick = dataclasses.replace(arm, capsules=tuple(thick))
     pose = np.array([0.0, 0.45, 0.02, 0.0, 0.0])
     slim, stout = (one.inverse_motion(pose, 0 * pose, 0 * pose) for one in (arm, thick))

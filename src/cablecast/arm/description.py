@@ -506,13 +506,15 @@ def _capsule(
     frame: NDArray[np.float64],
     link_radius: float,
 ) -> tuple[float, ...]:
-    """Return a capsule about a link, in the frame at its end.
+    """Return a capsule about a link, in the frame at its end: both ends, and two radii.
 
     It follows the points on the link's surface along their longest direction; without points it
-    reaches from joint to joint.
+    reaches from joint to joint. Nine points of ten lie within the first radius, all of them within
+    the second.
     """
     if not len(points):
-        return (*(-step[:3, :3].T @ step[:3, 3]).tolist(), 0.0, 0.0, 0.0, link_radius)
+        start = (-step[:3, :3].T @ step[:3, 3]).tolist()
+        return (*start, 0.0, 0.0, 0.0, link_radius, link_radius)
     points = (points - frame[:3, 3]) @ frame[:3, :3]
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     way = np.linalg.svd(points - middle, full_matrices=False)[2][0]
@@ -520,7 +522,10 @@ def _capsule(
     off = np.linalg.norm(points - middle - along[:, None] * way, axis=1)
     radius = float(np.quantile(off, 0.9))
     low, high = along.min() + radius, max(along.max() - radius, along.min() + radius)
-    return (*(middle + low * way).tolist(), *(middle + high * way).tolist(), radius)
+    beyond = along - np.clip(along, low, high)
+    farthest = float(np.hypot(off, beyond).max())
+    ends = (*(middle + low * way).tolist(), *(middle + high * way).tolist())
+    return (*ends, radius, max(radius, farthest))
 
 
 def _link_points(model: Any, data: Any, joint: int) -> NDArray[np.float64]:

@@ -75,7 +75,7 @@ class ArmSerial(Arm):
             last joint, at zero angles: x, y, z [m] and the quaternion w, x, y, z. A joint turns
             about its z.
         capsules: Both ends of the axis of each link in the frame of the next joint, or of the
-            flange, and its radius [m].
+            flange, and its radii, as drawn and to keep a distance from [m].
         posture: Posture near which the arm works [rad]: of several ways to hold the grip, the
             nearest is taken. None for the one that reaches farthest.
     """
@@ -100,8 +100,10 @@ class ArmSerial(Arm):
         ):
             if len(rows) != size:
                 raise InputError(f"arm {what} has {len(rows)} entries, not {size}")
-        if any(len(row) != 7 for row in self.offsets + self.capsules):
-            raise InputError("each of an arm's offsets and capsules has 7 numbers")
+        if any(len(row) != 7 for row in self.offsets):
+            raise InputError("each of an arm's offsets has 7 numbers")
+        if any(len(row) != 8 for row in self.capsules):
+            raise InputError("each of an arm's capsules has 8 numbers")
         numbers = [*sum(self.offsets + self.capsules, ()), *(self.posture or ())]
         for value in numbers:
             check_number("arm offset, capsule or posture", value, -100.0, 100.0)
@@ -184,8 +186,8 @@ class ArmSerial(Arm):
             pair = row[:6].reshape(2, 3) @ np.swapaxes(T[..., :3, :3], -1, -2)
             ends.append((pair + T[..., None, :3, 3])[..., None, :, :])
         names = ("foot", "base", *(f"link {joint}" for joint in range(1, self.joint_count + 1)))
-        radii = rows[[0, 0, *range(len(rows))], 6]
-        return Links(names=names, ends=np.concatenate(ends, axis=-3), drawn=radii, safe=radii)
+        drawn, safe = rows[[0, 0, *range(len(rows))], 6:].T
+        return Links(names=names, ends=np.concatenate(ends, axis=-3), drawn=drawn, safe=safe)
 
     def inverse_motion(
         self, poses: ArrayLike, velocities: ArrayLike, accelerations: ArrayLike
