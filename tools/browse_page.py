@@ -132,7 +132,7 @@ class TablePage:
 
     def wait_for_rest(self) -> None:
         """Wait until a cast has ended, with a landing or without."""
-        name = re.compile("^(Correct and cast again|Another target)$")
+        name = re.compile("^(Correct and (cast|swing) again|Another target)$")
         self.tab.get_by_role("button", name=name, disabled=False).first.wait_for(state="visible")
 
     def frames_per_second(self, seconds: float = 3.0) -> float:

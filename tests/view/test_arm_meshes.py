@@ -147,7 +147,7 @@ def test_a_figure_moves_the_meshes_and_keeps_the_gripper(tmp_path, drawn):
         times = np.array([0.0, 1.0])
         cast = ShownCast(
             times=times,
-            endpoint_xy=np.zeros((2, 2)),
+            path=np.zeros((2, 2)),
             joint_path=JointPath(times=times, q=q, qd=np.zeros_like(q)),
         )
         for time, pose in zip(cast.times, q, strict=True):

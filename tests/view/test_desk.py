@@ -55,7 +55,7 @@ def test_a_cast_is_kept_with_its_landing_and_its_miss(desk, own):
     assert [trial.number for trial in desk.tries] == [one.number]
     miss = one.miss_pct / 100 * LENGTH
     assert miss == pytest.approx(np.linalg.norm(own.offset), abs=ON_AIM)
-    assert np.allclose(ShownCast.of_cast(one).endpoint_xy[-1], one.final_xy)
+    assert np.allclose(ShownCast.of_cast(one).path[-1], one.final_xy)
 
 
 def test_nothing_is_cast_before_it_is_planned(desk, own):
@@ -274,7 +274,7 @@ def test_a_cable_that_nobody_saw_is_shown_by_its_free_end(desk, own):
     one = desk.cast(desk.preview)
     shown = ShownCast.of_cast(one)
     assert shown.nodes is None
-    assert np.allclose(shown.endpoint_xy[-1], one.final_xy, atol=1e-6)
+    assert np.allclose(shown.path[-1], one.final_xy, atol=1e-6)
     assert shown.joint_path is not None
 
 

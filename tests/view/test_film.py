@@ -26,9 +26,7 @@ def shot():
     s = np.linspace(0.6, 1.2, 9)[None]
     nodes = np.stack([s * np.sin(turn), s * np.cos(turn), np.full((11, 9), 0.01)], axis=-1)
     motion = plan_trajectory(Action(theta1=-0.5, theta2=0.3, r2=0.6), SETUP)
-    cast = ShownCast(
-        times=times, endpoint_xy=nodes[:, -1, :2], nodes=nodes, joint_path=motion.joint_path
-    )
+    cast = ShownCast(times=times, path=nodes[:, -1, :2], nodes=nodes, joint_path=motion.joint_path)
     return Shot(cast=cast, target_xy=TARGET, caption="moves", result="rests")
 
 

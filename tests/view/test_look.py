@@ -23,7 +23,7 @@ def test_casts_of_a_rig_are_shown_as_measured_and_as_simulated(rig, engine, tmp_
     found = open_collection(tmp_path / "casts")
     assert len(found) == 2
     measured = found.measured(1)
-    assert np.allclose(measured.endpoint_xy[-1], casts.rest_xy[1], atol=1e-6)
+    assert np.allclose(measured.path[-1], casts.rest_xy[1], atol=1e-6)
     simulated = found.simulated(1, engine, found.believed)
     assert simulated.nodes is not None
     shot = found.shot(1, engine)

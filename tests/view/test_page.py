@@ -78,7 +78,7 @@ def test_point_cast_correct_replay_undo(page, drawn):
     page.undo()
     assert "discarded" in desk.message
     assert "/marks/expected" not in drawn(page.server)
-    page.aim_polar(1.2, -20.0)
+    page.aim_typed(1.2, -20.0)
     assert desk.phase is Phase.PLANNED
     assert desk.preview.proposal.goal.value[0] < 0
 
@@ -108,13 +108,13 @@ def test_a_target_that_is_planned_as_the_new_fit_comes_stays_planned(page, learn
     desk = page.desk
     for _ in range(2):
         cast_at_target(page)
-    rehearse = desk._rehearse
+    rehearse = desk.task.rehearse
 
     def rehearsed(session):
         rehearse(session)
-        page.aim_polar(1.2, -20.0)
+        page.aim_typed(1.2, -20.0)
 
-    desk._rehearse = rehearsed
+    desk.task.rehearse = rehearsed
     page.refit()
     page.worker.drain()
     assert desk.phase is Phase.PLANNED
@@ -169,9 +169,9 @@ def test_a_folder_is_looked_at_with_sliders(page, tmp_path, drawn):
 def test_the_map_lies_between_the_table_and_the_target(page, drawn):
     page.aim(TARGET)
     page.show_map(True)
-    assert 0.0 < drawn(page.server)["/map"].position[2] < LIFT
+    assert 0.0 < drawn(page.server)["/marks/map"].position[2] < LIFT
     page.show_map(False)
-    assert "/map" not in drawn(page.server)
+    assert "/marks/map" not in drawn(page.server)
 
 
 def test_a_map_without_a_model_is_refused_in_a_sentence(rig, engine, tmp_path):

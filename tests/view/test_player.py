@@ -24,7 +24,7 @@ def player():
 
 def cast(duration):
     times = np.linspace(0.0, duration, 3)
-    return ShownCast(times=times, endpoint_xy=np.zeros((3, 2)))
+    return ShownCast(times=times, path=np.zeros((3, 2)))
 
 
 def test_casts_play_side_by_side_to_the_end_of_the_longest(player, wait_until):

@@ -19,8 +19,8 @@ def shown(seen):
 def test_between_samples_the_path_does_not_overshoot_and_rests_where_they_rest():
     cast = shown(track([[0, 1], [0.2, 1], [0.4, 1], [0.4, 1]]))
     assert cast.times[1] == pytest.approx(FRAME_DT)
-    assert cast.endpoint_xy[:, 0].max() <= 0.4 + 1e-12
-    assert np.all(np.diff(cast.endpoint_xy[:, 0]) >= -1e-12)
+    assert cast.path[:, 0].max() <= 0.4 + 1e-12
+    assert np.all(np.diff(cast.path[:, 0]) >= -1e-12)
     assert np.allclose(cast.tip_at(0.25)[:2], [0.4, 1])
 
 

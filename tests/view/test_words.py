@@ -1,10 +1,13 @@
+import dataclasses
+
 import numpy as np
 
 from cablecast.runs.progress import Progress
+from cablecast.setup import Setup
 from cablecast.view.desk import Desk
+from cablecast.view.tasks import PageLanding
 from cablecast.view.words import (
     colors_text,
-    legend_text,
     plan_text,
     status_text,
     tour_text,
@@ -88,5 +91,7 @@ def test_the_tour_follows_the_steps_of_the_work(rig, engine):
     assert ["▶ **Fit" in text for text in seen] == [False, False, True, True]
 
 
-def test_the_legend_ends_at_a_quarter_of_the_cable():
-    assert "<span>0 cm</span><span>12 cm</span><span>25 cm and more</span>" in legend_text(1.0)
+def test_the_legend_ends_at_a_quarter_of_the_cable(engine):
+    cable = dataclasses.replace(Setup().cable, length=1.0)
+    legend = PageLanding(Setup(cable=cable), engine).legend()
+    assert "<span>0 cm</span><span>12 cm</span><span>25 cm and more</span>" in legend

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cablecast.aiming.config import AimConfig
-from cablecast.cli.options import CableName, LabFile, RigName, TimeLimit, WithPolar, argument
+from cablecast.cli.options import (
+    CableName,
+    LabFile,
+    RigName,
+    TaskName,
+    TimeLimit,
+    WithPolar,
+    argument,
+)
 
 if TYPE_CHECKING:
     from cablecast.setup import Setup
@@ -18,6 +26,9 @@ if TYPE_CHECKING:
 class View(AimConfig):
     """Open a page in the browser: click on the table, and the cable is cast there.
 
+    With --task strike the page shows the plane in which a cable swings from a stick: click on it,
+    and the free end passes there.
+
     The page shows the table, the arm and the cable, and runs until Ctrl-C. The first time it gets
     ready as `cablecast aim` does: the rig makes five casts, or ten, and the simulator is fitted to
     them, which takes a minute or two of computing. A real arm moves only at a click. Every cast is
@@ -25,12 +36,13 @@ class View(AimConfig):
     page, unless --host says otherwise.
     """
 
+    task: TaskName = None
     setup: LabFile = None
     cable: CableName = None
     rig: RigName = "virtual"
     refit: tyro.conf.Suppress[bool] = True
     polar: WithPolar = True
-    out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/aim")] = None
+    out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/aim or strike")] = None
     """Folder of the session, which `cablecast aim` goes on with."""
     time_limit: TimeLimit = 120.0
     host: str = "127.0.0.1"
@@ -48,17 +60,14 @@ class View(AimConfig):
         # waits: with two, a plan takes twice the processor time.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         from cablecast.cli.options import load_lab, open_rig
-        from cablecast.errors import InputError, check_count
-        from cablecast.runs.places import AIM_FOLDER, cable_folder
+        from cablecast.errors import check_count
+        from cablecast.runs.places import AIM_FOLDER, STRIKE_FOLDER, cable_folder
         from cablecast.view.page import serve
 
         check_count("port", self.port, 1, 65535)
-        setup = load_lab(self.setup, self.cable, None)
-        if setup.strike is not None:
-            raise InputError(
-                "the page is of casts onto a table: aim at points in the air with `cablecast aim`"
-            )
-        out = self.out or cable_folder(setup.cable.name) / AIM_FOLDER
+        setup = load_lab(self.setup, self.cable, self.task)
+        folder = AIM_FOLDER if setup.strike is None else STRIKE_FOLDER
+        out = self.out or cable_folder(setup.cable.name) / folder
         meshes = self.arm_meshes or _own_meshes(self.setup, setup)
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
             serve(

@@ -24,7 +24,7 @@ from cablecast.report.style import (
     svg_uri,
 )
 from cablecast.report.tables import flatten_settings
-from cablecast.report.words import chance_text, miss_text, verdict_text
+from cablecast.report.words import chance_text, miss_text, place_text, verdict_text
 from cablecast.setup import Setup
 
 if TYPE_CHECKING:
@@ -41,6 +41,13 @@ def plane_text(point: Array, plane: SwingPlane) -> str:
     ahead, height, away = plane.coordinates(point).tolist()
     aside = f", {100 * abs(away):.0f} cm out of the plane" if abs(away) >= 0.005 else ""
     return f"{ahead:.2f} m ahead, {height:.2f} m high{aside}"
+
+
+def target_text(value: Array, setup: Setup) -> str:
+    """Return a target by its place on the table, or in the plane of the swing, in short."""
+    if setup.strike is None:
+        return place_text(value)
+    return plane_text(value, SwingPlane.of(JointMoves.of(setup)))
 
 
 def envelope_text(low: Array, high: Array) -> str:

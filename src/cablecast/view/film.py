@@ -18,7 +18,7 @@ from cablecast.files import write_bytes, write_text
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.view.look import Shot
-from cablecast.view.scene import Figure, TableScene, start_server, stop_server
+from cablecast.view.scene import Figure, TargetScene, start_server, stop_server
 from cablecast.view.shapes import (
     ARM,
     BLUE,
@@ -158,7 +158,7 @@ class Painter:
             for segment in target_marks(shot.target_xy, 0.0):
                 self._line(pen, segment, VERMILLION, 1.6)
         for earlier in tries:
-            self._dot(pen, np.append(earlier.cast.endpoint_xy[-1], 0.01), 0.012, GREY)
+            self._dot(pen, np.append(earlier.cast.path[-1], 0.01), 0.012, GREY)
         if len(trail := shot.cast.trail(time)) > 1:
             self._line(pen, level(trail, 0.002), (*BLUE, 110), 1.2)
         nodes, q = shot.cast.nodes_at(time), shot.cast.joints_at(time)
@@ -231,7 +231,7 @@ class Painter:
         image.paste((20, 18, 16), mask=ImageChops.darker(mask, table))
 
     def _mark_miss(self, pen: Any, shot: Shot) -> None:
-        landed = shot.cast.endpoint_xy[-1]
+        landed = shot.cast.path[-1]
         if shot.target_xy is None or not np.all(np.isfinite(landed)):
             return
         ends = level(np.stack([shot.target_xy, landed]), 0.004)
@@ -357,7 +357,7 @@ def film_html(
     try:
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = viewpoint(setup)
-        table = TableScene(server, setup)
+        table = TargetScene.of(server, setup)
         solid = Figure(server, "/solid", setup, BLUE)
         ghost = Figure(server, "/ghost", setup, PURPLE, opacity=0.5, with_arm=False)
         solid.show(shots[0].cast, 0.0)

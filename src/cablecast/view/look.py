@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cablecast.cable import Cable
 from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.conventions import Array
 from cablecast.data.dataset import Dataset, StoredSettings, read_dataset
@@ -15,15 +16,17 @@ from cablecast.data.schema import INFO_PATH, read_info
 from cablecast.data.store import CastStore, dataset_cast
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
+from cablecast.engines.swing import SAMPLE_DT, SwingModel, swing_model
 from cablecast.errors import DamagedFileError, DatasetError, InputError, check_count
+from cablecast.motion.joint_move import JointMove
 from cablecast.motion.trajectory import JointPath, Trajectory, joints_at, plan_trajectory
 from cablecast.pipeline.aim import FITS_FOLDER, SESSION_FOLDER
 from cablecast.pipeline.evaluate import CASTS_FOLDER
-from cablecast.report.words import place_text
+from cablecast.report.strike_page import target_text
 from cablecast.runs.folder import Parts, RunFolder
 from cablecast.runs.places import TUNE_FOLDER
 from cablecast.setup import Setup
-from cablecast.task import LANDING
+from cablecast.task import LANDING, STRIKE
 from cablecast.tuning.tuned import PARAMS_FILE, load_tuned
 
 FRAME_DT = 0.02
@@ -39,13 +42,13 @@ class ShownCast:
 
     Attributes:
         times: Times of the shapes [s], shape [step]; the first is 0.
-        endpoint_xy: Free end [m], shape [step, 2]; NaN where it was not seen.
+        path: Free end [m], shape [step, 2], or [step, 3] in the air; NaN where it was not seen.
         nodes: Cable [m], shape [step, node, 3]; None where nobody saw it.
         joint_path: Joints of the arm; None for a rig without joints.
     """
 
     times: Array
-    endpoint_xy: Array
+    path: Array
     nodes: Array | None = None
     joint_path: JointPath | None = None
 
@@ -60,7 +63,7 @@ class ShownCast:
         times = np.arange(0.0, float(track.times[-1]) + 1e-9, FRAME_DT)
         return cls(
             times=times,
-            endpoint_xy=_smooth(track.times, track.endpoint_xy, times),
+            path=_smooth(track.times, track.path, times),
             nodes=None if track.nodes is None else _smooth(track.times, track.nodes, times),
             joint_path=track.joint_path or joint_path,
         )
@@ -75,8 +78,23 @@ class ShownCast:
         )
         return cls(
             times=rollout.times,
-            endpoint_xy=rollout.endpoint_xy[0],
+            path=rollout.endpoint_xy[0],
             nodes=None if rollout.nodes is None else rollout.nodes[0],
+            joint_path=trajectory.joint_path,
+        )
+
+    @classmethod
+    def swung(cls, trajectory: Trajectory, model: SwingModel, cable: Cable) -> "ShownCast":
+        """Return a swing as it is simulated with a cable, until it touches something."""
+        if not isinstance(trajectory.action, JointMove):
+            raise InputError(f"{trajectory.action} is no swing")
+        motion = model.motion(model.moves.unit_of(trajectory.action)[None])
+        swings = model.play(motion, cable, nodes=True)
+        end = max(int(swings.contacts(np.zeros(1, dtype=int))[0]), 1)
+        return cls(
+            times=SAMPLE_DT * np.arange(end, dtype=float),
+            path=swings.tip[0, :end],
+            nodes=None if swings.nodes is None else swings.nodes[0, :end],
             joint_path=trajectory.joint_path,
         )
 
@@ -84,7 +102,7 @@ class ShownCast:
     def of_motion(cls, motion: Trajectory) -> "ShownCast":
         """Return the commanded motion of the arm alone."""
         times = np.array([0.0, motion.duration])
-        return cls(times=times, endpoint_xy=np.full((2, 2), np.nan), joint_path=motion.joint_path)
+        return cls(times=times, path=np.full((2, 2), np.nan), joint_path=motion.joint_path)
 
     @property
     def duration(self) -> float:
@@ -98,9 +116,7 @@ class ShownCast:
         if joints is not None:
             joints = JointPath(times=joints.times[:1], q=joints.q[:1], qd=joints.qd[:1])
         nodes = None if self.nodes is None else self.nodes[:1]
-        return ShownCast(
-            times=self.times[:1], endpoint_xy=self.endpoint_xy[:1], nodes=nodes, joint_path=joints
-        )
+        return ShownCast(times=self.times[:1], path=self.path[:1], nodes=nodes, joint_path=joints)
 
     def nodes_at(self, time: float) -> Array | None:
         """Return the cable at a time [s], shape [node, 3]; None where it is not known."""
@@ -114,15 +130,15 @@ class ShownCast:
         nodes = self.nodes_at(time)
         if nodes is not None:
             return nodes[-1]
-        return np.append(self._between(self.endpoint_xy, time), _TIP_HEIGHT)
+        return np.append(self._between(self.path, time), _TIP_HEIGHT)[:3]
 
     def joints_at(self, time: float) -> Array | None:
         """Return the joint angles at a time [rad], shape [joint]; None for a rig without joints."""
         return None if self.joint_path is None else joints_at(self.joint_path, [time])[0]
 
     def trail(self, until: float) -> Array:
-        """Return where the free end was seen up to a time [m], shape [point, 2]."""
-        points = self.endpoint_xy[self.times <= until + 1e-9]
+        """Return where the free end was seen up to a time [m], shape [point, 2] or [point, 3]."""
+        points = self.path[self.times <= until + 1e-9]
         return points[np.all(np.isfinite(points), axis=1)]
 
     def _between(self, values: Array, time: float) -> Array:
@@ -181,7 +197,7 @@ class Collection:
     Attributes:
         dataset: Casts in order.
         labels: Name of each cast in one line.
-        target_xy: Targets [m], shape [cast, 2]; NaN for casts without one.
+        target_xy: Targets [m], shape [cast, 2], or [cast, 3] in the air; NaN for casts without one.
         tuned: Cable and servo of the arm as they were fitted; None where they were not.
     """
 
@@ -220,6 +236,9 @@ class Collection:
         if (action := self.dataset.motion(index)) is None:
             raise InputError(f"no action describes the motion of cast {index}")
         motion = plan_trajectory(action, self.setup)
+        if self.setup.strike is not None:
+            cable = dataclasses.replace(self.setup.cable, params=dynamics.params)
+            return ShownCast.swung(motion, swing_model(self.setup), cable)
         return ShownCast.simulated(motion, self.setup, engine, dynamics)
 
     def shot(self, index: int, engine: Engine) -> Shot:
@@ -279,8 +298,11 @@ def _of_dataset(path: pathlib.Path, named: pathlib.Path) -> Collection:
 
 
 def _of_session(path: pathlib.Path, run: RunFolder) -> Collection:
-    store = CastStore(StoredSettings(run.config, str(path)).setup, run.path)
-    targets = np.array([cast.target_xy for cast in store.casts]).reshape(-1, 2)
+    setup = StoredSettings(run.config, str(path)).setup
+    task = LANDING if setup.strike is None else STRIKE
+    store = CastStore(setup, run.path, task)
+    targets = np.array([cast.target_xy for cast in store.casts])
+    targets = targets.reshape(-1, len(task.coordinates))
     tries = [cast.try_number for cast in store.casts]
     return _collection(store.dataset(range(len(store))), path, targets, tries)
 
@@ -310,7 +332,7 @@ def _collection(
     for number, (target, try_number) in enumerate(zip(targets, tries, strict=True)):
         label = f"cast {number}"
         if np.all(np.isfinite(target)):
-            label += f" at {place_text(target)}"
+            label += f" at {target_text(target, dataset.setup)}"
         labels.append(label + (f", try {try_number}" if try_number else ""))
     tuned = None
     later = [folder / TUNE_FOLDER for folder in sorted((path / FITS_FOLDER).glob("*"))]

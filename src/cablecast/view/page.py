@@ -3,7 +3,6 @@
 import collections
 import dataclasses
 import functools
-import math
 import os
 import pathlib
 import tempfile
@@ -17,24 +16,22 @@ from numpy.typing import ArrayLike, NDArray
 from cablecast.aiming.config import AimConfig
 from cablecast.cable import PARAMS, CableParams
 from cablecast.cast import Cast, EndpointTrack
-from cablecast.conventions import polar_to_xy, xy_to_polar
 from cablecast.errors import CablecastError, InputError
-from cablecast.motion.casting import Action
-from cablecast.motion.trajectory import Trajectory, plan_trajectory
-from cablecast.pipeline.aim import SESSION_FOLDER, prepare_aim
+from cablecast.motion.trajectory import Trajectory
+from cablecast.pipeline.aim import SESSION_FOLDER
 from cablecast.report.words import refit_text
 from cablecast.rigs.base import error_line
 from cablecast.rigs.checked import CheckedRig
-from cablecast.runs.progress import ProgressCallback
+from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.view.arm_meshes import ArmMeshes
-from cablecast.view.desk import Desk, Phase, Preview
-from cablecast.view.film import KINDS, FilmConfig, write_film
+from cablecast.view.desk import Desk, Phase
+from cablecast.view.film import FilmConfig
 from cablecast.view.look import Collection, ShownCast, open_collection
 from cablecast.view.scene import Stage, start_server, stop_server, update
-from cablecast.view.shapes import BLUE, SLATE, miss_map, viewpoint
+from cablecast.view.shapes import BLUE, SLATE, viewpoint
+from cablecast.view.tasks import Preview
 from cablecast.view.words import (
     colors_text,
-    legend_text,
     motions_text,
     plan_text,
     status_text,
@@ -48,21 +45,10 @@ if TYPE_CHECKING:
     import viser
 
 WIDE = 1.3
-"""Pictures of the scene at least this wide for their height see the table from one place."""
+"""Pictures of the scene at least this wide for their height are seen from one place."""
 
 SIMULATED_RIGS = ("virtual", "engine", "twin")
 """Kinds of rigs that move nothing: any other is asked for twice."""
-
-SLIDERS = (
-    "bend_stiffness",
-    "twist_stiffness",
-    "mass",
-    "endpoint_mass",
-    "worksurface_friction",
-    "rolling_friction",
-    "linear_damping",
-)
-"""Parameters that have a slider; of both frictions the product alone counts."""
 
 FACTOR_MAX = 10.0
 """Sliders multiply a parameter by up to this factor, or divide it."""
@@ -122,7 +108,7 @@ class Page:
         self._unseen: collections.deque[ShownCast] = collections.deque()
         self._ended = threading.Event()
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Cast"):
+        with tabs.add_tab(desk.task.verb):
             self._add_cast_tab(gui)
         with tabs.add_tab("Look"):
             self.look = LookTab(self, gui, folder)
@@ -160,23 +146,33 @@ class Page:
 
     # Actions of a person. Each shows an error of cablecast as its sentence.
 
-    def aim(self, xy: ArrayLike) -> None:
-        """Choose a target and show its plan."""
+    def aim(self, target: ArrayLike) -> None:
+        """Choose a target [m], shape [2] or [3], and show its plan."""
         self.worker.forget()
-        self.guard(lambda: self._show_plan(self.desk.aim(xy)))
-        if self.desk.phase is Phase.READY:
-            # Nothing of the target before stands for one that was refused.
-            self.show_rest()
-            self.stage.table.clear()
 
-    def aim_polar(self, r: float, theta_deg: float) -> None:
-        """Choose a target by its distance [m] and its angle [deg]."""
-        self.aim(polar_to_xy([r, np.radians(theta_deg)]))
+        def plan(report: ProgressCallback) -> None:
+            try:
+                self._show_plan(self.desk.aim(target))
+            finally:
+                if self.desk.phase is Phase.READY:
+                    # Nothing of the target before stands for one that was refused.
+                    self.show_rest()
+                    self.stage.table.clear()
+
+        if self.desk.task.plans_long:
+            self.guard(lambda: self.worker.submit("a plan", plan))
+        else:
+            self.guard(lambda: plan(ignore))
+
+    def aim_typed(self, first: float, second: float) -> None:
+        """Choose a target by the two numbers that a person types."""
+        self.aim(self.desk.task.from_typed(first, second))
 
     def cast(self, planned: Preview | None = None) -> None:
         """Cast as planned; the plan that a person saw when pressing the button, and no other."""
         planned = planned or self.desk.preview
-        self.guard(lambda: self.worker.submit("a cast", lambda report: self._cast(planned)))
+        name = f"a {self.desk.task.verb.lower()}"
+        self.guard(lambda: self.worker.submit(name, lambda report: self._cast(planned)))
 
     def correct(self, missed: Cast | None = None) -> None:
         """Plan again against the last miss, the one that a person saw, and cast."""
@@ -189,7 +185,8 @@ class Page:
             self._show_plan(planned)
             self._cast(planned)
 
-        self.guard(lambda: self.worker.submit("a corrected cast", work))
+        name = f"a corrected {self.desk.task.verb.lower()}"
+        self.guard(lambda: self.worker.submit(name, work))
 
     def undo(self) -> None:
         """Discard the last try."""
@@ -223,13 +220,13 @@ class Page:
                 self.stage.play({"measured": ShownCast.of_cast(one)})
 
     def show_map(self, visible: bool) -> None:
-        """Show or hide how far casts are expected to miss."""
-        miss = None
+        """Show or hide where casts can come, and how far they are expected to miss."""
+        picture = None
         if visible:
             if self.desk.session is None:
-                raise InputError("no model predicts yet where casts land: get ready first")
-            miss = miss_map(self.desk.session.model.policy)
-        self.stage.table.show_map(miss)
+                raise InputError("no model predicts yet where casts come: get ready first")
+            picture = self.desk.task.map(self.desk.session)
+        self.stage.table.show_map(picture)
         self._map_is_shown = visible
 
     # How it is shown.
@@ -282,19 +279,15 @@ class Page:
 
     @functools.cached_property
     def _resting(self) -> ShownCast | None:
-        """The arm and the cable after a reset; None where no motion starts there."""
-        action = Action(theta1=np.radians(-30), theta2=np.radians(20), r2=0.6)
-        try:
-            return self.desk.simulate(plan_trajectory(action, self.desk.setup))
-        except CablecastError:
-            return None
+        """The arm and the cable after a reset; None where they are not known."""
+        return self.desk.task.resting()
 
     def _show_plan(self, preview: Preview) -> None:
         self._mark(preview.proposal.goal.value)
         # The fields follow a click: a person may move the target a little from there.
-        r, theta = xy_to_polar(preview.proposal.goal.value)
-        polar = round(float(r), 3), round(math.degrees(theta), 1)
-        for field, value in zip(self._target_fields, polar, strict=True):
+        flat = self.stage.table.surface.flat(preview.proposal.goal.value)
+        typed = self.desk.task.to_typed(flat)
+        for field, value in zip(self._target_fields, typed, strict=True):
             update(field, value=value)
         self.stage.table.expectation(preview.proposal)
         casts = {"plan": preview.cast, "measured": preview.cast.start}
@@ -332,10 +325,10 @@ class Page:
             self.stage.play({"measured": self._unseen.popleft()}, done=self._play_unseen)
 
     def _clicked(self, event: "viser.SceneNodePointerEvent[Any]") -> None:
-        """Aim where the ray through the pointer meets the table."""
-        origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
-        if direction[2] < -1e-6:
-            self.aim((origin - direction * origin[2] / direction[2])[:2])
+        """Aim where the ray through the pointer meets the surface of the targets."""
+        place = self.stage.table.surface.pick(event.ray_origin, event.ray_direction)
+        if place is not None:
+            self.aim(place)
 
     def _welcome(self, client: "viser.ClientHandle") -> None:
         """Step back where the picture is narrow, so that the whole table is seen.
@@ -358,7 +351,7 @@ class Page:
 
     def _add_cast_tab(self, gui: Any) -> None:
         """Add target, plan, cast, correct, undo, and the tries so far."""
-        desk, worker = self.desk, self.worker
+        desk, worker, task = self.desk, self.worker, self.desk.task
         status = gui.add_markdown("")
 
         def cast_seen(event: Any) -> None:
@@ -368,14 +361,17 @@ class Page:
             self._confirm(event, functools.partial(self.correct, desk.last))
 
         make = gui.add_button("Get ready", color="blue", icon="wand")
-        make.on_click(lambda event: self._confirm(event, self.prepare))
-        cast = gui.add_button("Cast", color="blue", icon="player-play-filled")
+        make.on_click(
+            lambda event: self._confirm(event, self.prepare) if task.moves_first else self.prepare()
+        )
+        cast = gui.add_button(task.verb, color="blue", icon="player-play-filled")
         cast.on_click(cast_seen)
-        correct = gui.add_button("Correct and cast again", color="blue", icon="target-arrow")
+        again = f"Correct and {task.verb.lower()} again"
+        correct = gui.add_button(again, color="blue", icon="target-arrow")
         correct.on_click(correct_seen)
         other = gui.add_button("Another target", color="blue", icon="target")
         other.on_click(lambda _: self.guard(lambda: self.aim(desk.other_target())))
-        forced = gui.add_button("Cast all the same", color=SLATE)
+        forced = gui.add_button(f"{task.verb} all the same", color=SLATE)
         forced.on_click(
             lambda event: (cast_seen if desk.phase is Phase.PLANNED else correct_seen)(event)
         )
@@ -386,13 +382,14 @@ class Page:
         colors = gui.add_html(colors_text(), visible=False)
         tour = gui.add_markdown("", visible=False)
         with gui.add_folder("Target"):
-            reach = desk.setup.workspace.reach(desk.setup.cable.length)
-            r = gui.add_number("r [m]", 1.1, min=0.0, max=round(reach, 3), step=0.01)
-            theta = gui.add_number("theta [deg]", 0.0, min=-90.0, max=90.0, step=0.5)
-            gui.add_button("Plan", color=SLATE).on_click(
-                lambda _: self.aim_polar(r.value, theta.value)
+            first, second = (
+                gui.add_number(label, value, min=low, max=high, step=step)
+                for label, value, low, high, step in task.fields()
             )
-        self._target_fields = r, theta
+            gui.add_button("Plan", color=SLATE).on_click(
+                lambda _: self.aim_typed(first.value, second.value)
+            )
+        self._target_fields = first, second
         tries = gui.add_folder("Tries")
         with tries:
             table = gui.add_markdown("")
@@ -402,7 +399,9 @@ class Page:
             undo = gui.add_button("Undo the last try", color=SLATE, icon="arrow-back-up")
             undo.on_click(lambda _: self.undo())
             due = gui.add_markdown("", visible=False)
-            refit = gui.add_button("Fit to all casts", color=SLATE, icon="refresh")
+            refit = gui.add_button(
+                "Fit to all casts", color=SLATE, icon="refresh", visible=task.moves_first
+            )
             refit.on_click(lambda _: self.refit())
 
         def refresh() -> None:
@@ -446,7 +445,7 @@ class Page:
             return
         gui: Any = self.server.gui if event.client is None else event.client.gui
         with gui.add_modal("The arm will move") as modal:
-            gui.add_markdown("Is everybody out of its reach, and the emergency stop at hand?")
+            gui.add_markdown(self.desk.task.danger(self.desk.session))
             yes = gui.add_button("Yes, it may move", color="red")
             no = gui.add_button("No")
         no.on_click(lambda _: modal.close())
@@ -461,7 +460,8 @@ class Page:
         desk = self.desk
         gui.add_markdown("A film of the session, to keep or to send.")
         what = gui.add_dropdown("Casts", ("the last try", "this target", "all tries"))
-        kind = gui.add_dropdown("Kind", tuple(kind[1:].upper() for kind in KINDS))
+        kinds = desk.task.film_kinds
+        kind = gui.add_dropdown("Kind", tuple(kind[1:].upper() for kind in kinds))
         size = gui.add_dropdown("Size", tuple(_SIZES), initial_value="960 x 540")
         button = gui.add_button("Film", color="blue", icon="movie")
         gui.add_markdown("`cablecast film` does the same without a page.")
@@ -474,13 +474,12 @@ class Page:
                 "this target": desk.tries_at(desk.last.target_xy),
                 "all tries": [one for one in desk.tries if not desk.is_undone(one)],
             }[str(what.value)]
-            collection = open_collection(self._folder)
-            shots = [collection.shot(one.number, desk.engine) for one in trials]
             width, height = _SIZES[str(size.value)]
             name = f"casts.{str(kind.value).lower()}"
             with tempfile.TemporaryDirectory(prefix="cablecast-") as folder:
                 path = pathlib.Path(folder) / name
-                write_film(path, desk.setup, shots, FilmConfig(width=width, height=height), report)
+                config = FilmConfig(width=width, height=height)
+                desk.task.film(self._folder, trials)(path, config, report)
                 self.server.send_file_download(name, path.read_bytes())
 
         button.on_click(lambda _: self.guard(lambda: self.worker.submit("a film", film)))
@@ -517,17 +516,26 @@ class Page:
         player.on_frame = show_time
 
     def _add_view(self, gui: Any) -> None:
-        """Add the map of expected misses."""
+        """Add the map of where casts can come."""
+        task = self.desk.task
         with gui.add_folder("View", expand_by_default=False):
-            box = gui.add_checkbox("Where it can land", False, disabled=True)
-            legend = gui.add_html(legend_text(self.desk.setup.cable.length), visible=False)
+            box = gui.add_checkbox(task.map_name, task.shows_map, disabled=True)
+            legend = gui.add_html(
+                f'<div style="margin: 0 1em 0.8em; font-size: 0.85em">{task.legend()}</div>',
+                visible=task.shows_map,
+            )
 
         def show_map() -> None:
             self.show_map(box.value)
             update(legend, visible=box.value)
 
+        def refresh() -> None:
+            update(box, disabled=self.desk.session is None)
+            if box.value and not self._map_is_shown and not box.disabled:
+                self.show_map(True)
+
         box.on_update(lambda _: self.guard(show_map))
-        self._refreshers.append(lambda: update(box, disabled=self.desk.session is None))
+        self._refreshers.append(refresh)
 
     def _add_camera(self, gui: Any, take: Callable[[], NDArray[np.uint8] | None]) -> None:
         """Add the latest picture of the rig's camera; a thread takes it, also in mid-cast."""
@@ -597,13 +605,16 @@ class LookTab:
         }
         for kind, box in self._boxes.items():
             box.on_update(self._by_hand(lambda kind=kind, box=box: self.tick(kind, box.value)))
-        self._mujoco = gui.add_button("Compare with MuJoCo", color=SLATE, disabled=True)
+        on_table = page.desk.setup.strike is None
+        self._mujoco = gui.add_button(
+            "Compare with MuJoCo", color=SLATE, disabled=True, visible=on_table
+        )
         self._mujoco.on_click(lambda _: page.guard(lambda: self.tick("MuJoCo", True)))
         self._text = gui.add_markdown("")
         with gui.add_folder("Parameters of the cable (powers of ten)"):
             self._sliders = {
                 name: gui.add_slider(name.replace("_", " "), -1.0, 1.0, 0.05, 0.0, disabled=True)
-                for name in SLIDERS
+                for name in page.desk.task.sliders
             }
         # Clicks come in threads of their own; what is simulated belongs to the cast that is shown.
         self._lock = threading.RLock()
@@ -621,6 +632,8 @@ class LookTab:
         collection = open_collection(pathlib.Path(folder.strip()).expanduser())
         if collection.setup.workspace != self._page.desk.setup.workspace:
             raise InputError("these casts were made on another table than the page shows")
+        if collection.setup.strike != self._page.desk.setup.strike:
+            raise InputError("these casts were made with another strike section than the page's")
         self._collection = collection
         self._cast.options = collection.labels
         self._cast.value = collection.labels[0]
@@ -694,18 +707,27 @@ class LookTab:
         with self._lock:
             self._make("sliders")
             player = self._page.stage.player
-            self._page.stage.table.clear()
+            self._mark()
             end = self.shown["sliders"].duration
             self._page.stage.show(self.shown, end if player.playing else player.time)
             self._describe()
 
+    def _mark(self) -> None:
+        table, target = self._page.stage.table, self._need().target_xy[self._index]
+        table.clear()
+        if np.all(np.isfinite(target)):
+            table.target(target)
+
     def _play(self) -> None:
-        self._page.stage.table.clear()
+        self._mark()
         self._page.stage.play(self.shown)
         self._describe()
 
     def _describe(self) -> None:
-        update(self._text, content=motions_text(self.shown, self._need().setup.cable.length))
+        collection = self._need()
+        target = collection.target_xy[self._index]
+        words = motions_text(self.shown, collection.setup.cable.length, target)
+        update(self._text, content=words)
 
     def _need(self) -> Collection:
         if self._collection is None:
@@ -737,15 +759,15 @@ def serve(
     desk, worker = Desk(rig), Worker()
 
     def prepare(report: ProgressCallback) -> None:
-        session = prepare_aim(rig, config, out=folder, progress=report)
-        desk.open_session(session, report)
+        desk.open_session(desk.task.prepare(rig, config, out=folder, progress=report), report)
 
     page = Page(desk, worker, prepare, folder, host=host, port=port, meshes=meshes)
     try:
         if ready is not None:
             ready(page.address)
         # A real arm may have casts to make, and moves at a click alone.
-        if (folder / SESSION_FOLDER).exists() and not page.rig_is_real:
+        is_known = (folder / SESSION_FOLDER).exists() and not page.rig_is_real
+        if is_known or not desk.task.moves_first:
             page.prepare()
         worker.run()
     finally:

@@ -1,20 +1,22 @@
-"""What is seen in the browser, drawn with viser: table, marks, arms and cables that move.
+"""What is seen in the browser, drawn with viser: table or plane, marks, arms and cables that move.
 
 A browser that draws in software decides how: few meshes whose vertices move instead of lines whose
 number changes, words as small pictures, no shadows, no surroundings.
 """
 
+import abc
 import contextlib
 import io
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import Cast, Proposal
+from cablecast.conventions import Ellipse
 from cablecast.errors import InputError
 from cablecast.pipeline.places import require
 from cablecast.setup import Setup
@@ -29,6 +31,7 @@ from cablecast.view.shapes import (
     INK,
     JOINT,
     PURPLE,
+    SKY,
     TABLE,
     TABLE_LINE,
     TABLE_SIDE,
@@ -36,16 +39,18 @@ from cablecast.view.shapes import (
     WHITE,
     Array,
     Color,
+    MapPicture,
     Rods,
-    arm_rods,
+    Surface,
     circle,
-    gripper_rods,
+    drawn_rods,
+    grid_lines,
     hatched_circle,
     level,
-    map_image,
     polyline,
     reach_arc,
     ribbon,
+    swing_extent,
     table_lines,
     target_marks,
     text_image,
@@ -81,7 +86,10 @@ _TEXT_ROOM = np.array([0.22, 0.08])  # Nearer to the last text, an earlier numbe
 _TEXT_LIFT = 0.03  # Height of that text, above any cable on the table [m].
 _BALL_RADIUS = 0.016  # Of the attachment at the free end [m].
 _THICKNESS = 0.04  # Of the table's top [m].
-_GROUND = 20.0  # Half of the width of the unseen ground that answers to clicks [m].
+_POST = 0.09  # Radius of the post that an arm of strikes stands on [m].
+_PANE_OPACITY = 0.12  # Of the plane of a swing.
+# Corner of the floor, or of the unseen ground that answers to clicks [m].
+_FAR = np.array([20.0, 20.0])
 _AXIS = 0.28  # Length of the base frame's axes, which end beyond the arm's foot [m].
 # An image of viser lies in its own x-y plane with y down, so it is turned about x.
 _FLAT = (0.0, 1.0, 0.0, 0.0)
@@ -236,6 +244,7 @@ class Figure:
         self._server, self._name, self._setup = server, name, setup
         self._color, self._opacity, self.with_arm = color, opacity, with_arm
         self._arm_opacity = None if opacity is None else 0.5 * opacity
+        self._normal = Surface.of(setup).axes[:, 2]
         self._meshes = meshes
         # Of the arm, once its joints are known.
         self._drawings: list[RodsDrawing | MeshesDrawing] = []
@@ -243,7 +252,7 @@ class Figure:
         self._visible = True
         self._trail = server.scene.add_mesh_simple(
             f"{name}/trail",
-            *ribbon(np.zeros((1, 2)), 2 * LIFT),
+            *ribbon(np.zeros((1, 3)), self._normal),
             color=color,
             side="double",
             visible=False,
@@ -266,7 +275,7 @@ class Figure:
         if q is not None and self.with_arm:
             self._draw_arm(q)
         # An arm at rest fades: it may stand between the eye and the landing.
-        if self._opacity is None:
+        if self._opacity is None and self._setup.strike is None:
             self._arm_opacity = _REST_OPACITY if time >= cast.duration else None
         self._show_arm(self.with_arm)
         if nodes is not None:
@@ -280,7 +289,8 @@ class Figure:
         trail = thinned(cast.trail(time), len(cast.times))
         update(self._trail, visible=len(trail) > 1)
         if len(trail) > 1:
-            self._trail.vertices = ribbon(trail, 2 * LIFT)[0].astype(np.float32)
+            trail = level(trail, 2 * LIFT)[:, :3]
+            self._trail.vertices = ribbon(trail, self._normal)[0].astype(np.float32)
 
     def _show_arm(self, visible: bool) -> None:
         for drawing in self._drawings:
@@ -289,11 +299,10 @@ class Figure:
     def _draw_arm(self, q: Array) -> None:
         if not self._drawings:
             server, meshes, is_solid = self._server, self._meshes, self._opacity is None
-            shape = arm_rods if meshes is None else gripper_rods
             rods = RodsDrawing(
                 server,
                 f"{self._name}/arm",
-                lambda q: shape(q, self._setup.arm),
+                lambda q: drawn_rods(q, self._setup, tool_alone=meshes is not None),
                 q,
                 ARM if is_solid else self._color,
                 housing_color=JOINT if is_solid else None,
@@ -336,11 +345,21 @@ class Figure:
                 handle.visible = visible
 
 
-class TableScene:
-    """What lies on the table: scale, base frame, target, expectation, landings, and the map."""
+class TargetScene(abc.ABC):
+    """What targets lie on, with its scale, and target, expectation, tries and map on it.
+
+    All of that is drawn in the coordinates of the surface: two on it, and the height above it.
+
+    Attributes:
+        surface: The surface.
+        text_scale: Size of words over that on the table [-].
+    """
+
+    text_scale: ClassVar[float] = 1.0
 
     def __init__(self, server: "viser.ViserServer", setup: Setup):
         self._server, self._setup = server, setup
+        self.surface = Surface.of(setup)
         self._blind: tuple[tuple[float, float, float], ...] = ()
         scene = server.scene
         scene.configure_environment_map(hdri=None)
@@ -352,52 +371,42 @@ class TableScene:
         scene.add_light_directional(
             "/light/lamp", color=(255, 250, 240), intensity=1.6, position=(-1.0, -1.5, 3.0)
         )
+        for name in ("/room", "/marks"):
+            pose = {"wxyz": self.surface.quat_wxyz, "position": self.surface.origin}
+            scene.add_frame(name, show_axes=False, **pose)
+        scene.add_frame("/base", axes_length=_AXIS, axes_radius=0.006, position=(0.0, 0.0, 0.004))
         self._draw()
 
-    def on_click(self, action: Callable[["viser.SceneNodePointerEvent[Any]"], None]) -> None:
-        """Call a function for each click or tap into the picture."""
-        corners = _GROUND * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-        ground = self._server.scene.add_mesh_simple(
-            "/room/ground",
-            corners,
-            np.array([[0, 1, 2], [0, 2, 3]]),
-            color=FLOOR,
-            side="double",
-            position=(0.0, 0.0, -2 * _THICKNESS),
-            **_SHADOWLESS,
-        )
-        ground.on_click(action)
+    @staticmethod
+    def of(server: "viser.ViserServer", setup: Setup) -> "TargetScene":
+        """Return the scene of the task of a laboratory."""
+        return (TableScene if setup.strike is None else PlaneScene)(server, setup)
 
+    @abc.abstractmethod
     def _draw(self) -> None:
         """Draw what does not move, over what was there."""
-        scene, table = self._server.scene, self._setup.workspace
-        width, depth = 2 * table.half_width, table.y_max - table.y_min
-        middle = (table.y_min + table.y_max) / 2
-        for name, color, margin, thickness, z in (
-            ("top", TABLE, 0.0, _THICKNESS, -_THICKNESS / 2),
-            ("frame", TABLE_SIDE, 0.03, 0.03, -_THICKNESS - 0.004),
-        ):
-            scene.add_box(
-                f"/room/{name}",
-                color,
-                (width + margin, depth + margin, thickness),
-                position=(0.0, middle, z),
-                cast_shadow=False,
-            )
-        self._lines("/room/lines", table_lines(self._setup, 0.25, LIFT / 2), TABLE_LINE, 1.0)
-        self._lines("/room/reach", reach_arc(self._setup, LIFT), JOINT, 2.0)
-        edge = table.y_min - 0.07
-        for x in np.arange(np.ceil(2 * -table.half_width) / 2, table.half_width + 1e-6, 0.5):
-            name = f"x/{x:g}".replace("-", "m").replace(".", "_")
-            self._text(f"/room/scale/{name}", f"{x:g} m", (x, edge, 0.0))
-        for y in np.arange(0.5 * max(1, np.ceil(2 * table.y_min)), table.y_max + 1e-6, 0.5):
-            name = f"y/{y:g}".replace(".", "_")
-            self._text(f"/room/scale/{name}", f"{y:g} m", (0.14 - table.half_width, y, LIFT))
-        scene.add_frame(
-            "/room/base", axes_length=_AXIS, axes_radius=0.006, position=(0.0, 0.0, 0.004)
+
+    @abc.abstractmethod
+    def on_click(self, action: Callable[["viser.SceneNodePointerEvent[Any]"], None]) -> None:
+        """Call a function for each click or tap into the picture, or on the plane of a swing."""
+
+    def _sheet(self, name: str, low: Any, high: Any, color: Color, **options: Any) -> Any:
+        """Add a rectangle between two corners [m]."""
+        corners = np.array([[*low], [high[0], low[1]], [*high], [low[0], high[1]]])
+        faces = np.array([[0, 1, 2], [0, 2, 3]])
+        return self._server.scene.add_mesh_simple(
+            name, level(corners, 0.0), faces, color=color, side="double", **_SHADOWLESS, **options
         )
-        self._text("/room/scale/axis_x", "x", (_AXIS + 0.05, 0.03, LIFT))
-        self._text("/room/scale/axis_y", "y", (0.03, _AXIS + 0.03, LIFT))
+
+    def _scale(
+        self, low: Any, high: Any, x_edge: float, y_edge: float, plate: Color | None = None
+    ) -> None:
+        """Write the distances along both sides of a rectangle, at its edges [m]."""
+        for axis, (start, end) in enumerate(zip(low, high, strict=True)):
+            for at in np.arange(np.ceil(2 * start) / 2, end + 1e-6, 0.5):
+                name = f"{'xy'[axis]}/{at:g}".replace("-", "m").replace(".", "_")
+                place = (at, x_edge, LIFT) if axis == 0 else (y_edge, at, LIFT)
+                self._text(f"/room/scale/{name}", f"{at:g} m", place, plate=plate)
 
     def set_sight(self, sight: CameraSight | None) -> None:
         """Mark the places on the table that the camera is blind at, where they are known."""
@@ -419,11 +428,12 @@ class TableScene:
         for name in ("target", "expected", "tries"):
             self._server.scene.remove_by_name(f"/marks/{name}")
 
-    def target(self, xy: Array, within: float = 0.0, *, is_hit: bool = False) -> None:
-        """Draw the target [m], shape [2], as a cross, with a ring of its tolerance [m] if known.
+    def target(self, value: Array, within: float = 0.0, *, is_hit: bool = False) -> None:
+        """Draw the target [m], shape [k], as a cross, with a ring of its tolerance [m] if known.
 
         One that was hit is green, and filled.
         """
+        xy = self.surface.flat(value)
         self._server.scene.remove_by_name("/marks/target")
         color = GREEN if is_hit else VERMILLION
         self._lines("/marks/target/rings", target_marks(xy, 2 * LIFT, within), color, 3.0)
@@ -440,49 +450,60 @@ class TableScene:
 
     def expectation(self, proposal: Proposal) -> None:
         """Draw the expected landing, and the ellipse that nine of ten landings lie in."""
-        outline = level(proposal.expected.ellipse(EXPECTED_SHARE).outline(), 2 * LIFT)
-        lines = [circle(proposal.expected.mean, 0.012, 2 * LIFT), polyline(outline)]
+        expected, axes = proposal.expected, self.surface.axes[: proposal.expected.dimension, :2]
+        # The shadow of a region in the air is the ellipse of the same square.
+        square = expected.law.square(EXPECTED_SHARE, expected.dimension)
+        mean = self.surface.flat(expected.mean)
+        ellipse = Ellipse.of_covariance(mean, axes.T @ expected.spread @ axes, square)
+        lines = [circle(mean, 0.012, 2 * LIFT), polyline(level(ellipse.outline(), 2 * LIFT))]
         self._lines("/marks/expected", np.concatenate(lines), PURPLE, 2.5)
 
     def landings(self, trials: list[Cast]) -> None:
-        """Draw the landings of tries at one target, numbered, each with a line to the target."""
+        """Draw the outcomes of tries at one target, numbered, each with a line to the target."""
         self._server.scene.remove_by_name("/marks/tries")
-        for one in trials:
-            if not np.all(np.isfinite(one.final_xy)):
+        places = [(one, self.surface.flat(one.outcome)) for one in trials]
+        # Where the text of each lies: on its far side, where it hides no target.
+        beside = [self._beside(one, xy) for one, xy in places]
+        for (one, xy), label in zip(places, beside, strict=True):
+            if not np.all(np.isfinite(xy)):
                 continue
             name, is_last = f"/marks/tries/{one.number}", one is trials[-1]
             color = GREEN if one.hit else INK if is_last else GREY
             self._server.scene.add_icosphere(
-                f"{name}/ball", 0.014, color, position=(*one.final_xy, 0.012), cast_shadow=False
+                f"{name}/ball", 0.014, color, position=(*xy, 0.012), cast_shadow=False
             )
-            ends = level(np.stack([one.target_xy, one.final_xy]), 3 * LIFT)
+            ends = level(np.stack([self.surface.flat(one.target_xy), xy]), 3 * LIFT)
             self._lines(f"{name}/miss", ends[None], color, 2.5 if is_last else 1.0)
             text = f"{one.try_number}"
             if is_last:
                 cable_length = self._setup.cable.length
                 hit = "hit, " if one.hit else ""
                 text += f":  {hit}{one.miss_pct * cable_length:.1f} cm, {one.miss_pct:.1f} %"
-            apart = np.abs(_text_xy(one) - _text_xy(trials[-1]))
-            # The last one may not have landed.
-            if is_last or not np.all(apart <= _TEXT_ROOM):
-                place = (*_text_xy(one), _TEXT_LIFT)
+            apart = np.abs(label - beside[-1])
+            # The last one may have no outcome.
+            if is_last or not np.all(apart <= self.text_scale * _TEXT_ROOM):
                 ink, plate = (WHITE, GREEN) if one.hit else (color, WHITE)
-                self._text(f"{name}/label", text, place, ink, _TEXT_HEIGHT, plate)
+                self._text(f"{name}/label", text, (*label, _TEXT_LIFT), ink, _TEXT_HEIGHT, plate)
 
-    def show_map(self, miss: Array | None) -> None:
-        """Lay a map of expected misses on the table, below the lines; take it away if None."""
-        if miss is None:
-            self._server.scene.remove_by_name("/map")
+    def _beside(self, one: Cast, xy: Array) -> Array:
+        is_beyond = xy[1] >= self.surface.flat(one.target_xy)[1]
+        away = self.text_scale * _TEXT_AWAY
+        return xy + [0.0, away if is_beyond else -away]
+
+    def show_map(self, picture: MapPicture | None) -> None:
+        """Lay a map on the surface, below the lines; take it away if None."""
+        if picture is None:
+            self._server.scene.remove_by_name("/marks/map")
             return
-        table = self._setup.workspace
+        (x, y), (width, depth) = (picture.low + picture.high) / 2, picture.high - picture.low
         self._server.scene.add_image(
-            "/map",
-            map_image(miss, self._setup),
-            2 * table.half_width,
-            table.y_max - table.y_min,
+            "/marks/map",
+            picture.image,
+            width,
+            depth,
             format="png",
             wxyz=_FLAT,
-            position=(0.0, (table.y_min + table.y_max) / 2, LIFT / 2),
+            position=(x, y, LIFT / 2),
             **_SHADOWLESS,
         )
 
@@ -500,8 +521,8 @@ class TableScene:
         height: float = 0.08,
         plate: Color | None = None,
     ) -> None:
-        """Lay a line of text on the table, to be read from the robot's side."""
-        image = text_image(text, color, plate)
+        """Lay a line of text on the surface, to be read from the robot's side."""
+        image, height = text_image(text, color, plate), self.text_scale * height
         self._server.scene.add_image(
             name,
             image,
@@ -514,10 +535,63 @@ class TableScene:
         )
 
 
-def _text_xy(one: Cast) -> Array:
-    """Return where the text of a landing lies: on its far side, where it hides no target."""
-    beside = _TEXT_AWAY if one.final_xy[1] >= one.target_xy[1] else -_TEXT_AWAY
-    return one.final_xy + [0.0, beside]
+class TableScene(TargetScene):
+    """The table."""
+
+    def _draw(self) -> None:
+        scene, table = self._server.scene, self._setup.workspace
+        low, high = (-table.half_width, table.y_min), (table.half_width, table.y_max)
+        width, depth = 2 * table.half_width, table.y_max - table.y_min
+        middle = (table.y_min + table.y_max) / 2
+        for name, color, margin, thickness, z in (
+            ("top", TABLE, 0.0, _THICKNESS, -_THICKNESS / 2),
+            ("frame", TABLE_SIDE, 0.03, 0.03, -_THICKNESS - 0.004),
+        ):
+            scene.add_box(
+                f"/room/{name}",
+                color,
+                (width + margin, depth + margin, thickness),
+                position=(0.0, middle, z),
+                cast_shadow=False,
+            )
+        self._lines("/room/lines", table_lines(self._setup, 0.25, LIFT / 2), TABLE_LINE, 1.0)
+        self._lines("/room/reach", reach_arc(self._setup, LIFT), JOINT, 2.0)
+        self._scale(low, high, table.y_min - 0.07, 0.14 - table.half_width)
+        self._text("/room/scale/axis_x", "x", (_AXIS + 0.05, 0.03, LIFT))
+        self._text("/room/scale/axis_y", "y", (0.03, _AXIS + 0.03, LIFT))
+
+    def on_click(self, action: Callable[["viser.SceneNodePointerEvent[Any]"], None]) -> None:
+        """Call a function for each click or tap into the picture."""
+        below = (0.0, 0.0, -2 * _THICKNESS)
+        ground = self._sheet("/room/ground", -_FAR, _FAR, FLOOR, position=below)
+        ground.on_click(action)
+
+
+class PlaneScene(TargetScene):
+    """The plane of a swing, above the floor, and the post that the arm stands on."""
+
+    text_scale = 1.6
+
+    def _draw(self) -> None:
+        floor, (low, high) = self._setup.strike_section.floor, swing_extent(self._setup)
+        self._sheet("/floor", -_FAR, _FAR, FLOOR, position=(0.0, 0.0, floor))
+        if floor < 0.0:
+            self._server.scene.add_cylinder(
+                "/post",
+                _POST,
+                -floor,
+                color=TABLE_SIDE,
+                position=(0.0, 0.0, floor / 2),
+                cast_shadow=False,
+            )
+        self._lines("/room/lines", grid_lines(low, high, 0.25, 0.0), TABLE_LINE, 1.0)
+        # Not where both would meet.
+        self._scale(low + 0.3, high, low[1] + 0.07, low[0] + 0.14, plate=WHITE)
+        self._pane = self._sheet("/room/pane", low, high, SKY, opacity=_PANE_OPACITY)
+
+    def on_click(self, action: Callable[["viser.SceneNodePointerEvent[Any]"], None]) -> None:
+        """Call a function for each click or tap on the plane."""
+        self._pane.on_click(action)
 
 
 class Player:
@@ -648,7 +722,7 @@ class Player:
 
 
 class Stage:
-    """The table and the figures of `FIGURE_COLORS`, of which those that play are seen."""
+    """What targets lie on, and the figures of `FIGURE_COLORS`: those that play are seen."""
 
     def __init__(
         self,
@@ -659,7 +733,7 @@ class Stage:
         meshes: ArmMeshes | None,
     ):
         self._server, self._setup, self._meshes = server, setup, meshes
-        self.table = TableScene(server, setup)
+        self.table = TargetScene.of(server, setup)
         self.player = Player(rate=rate)
         # Those that were shown so far.
         self.figures: dict[str, Figure] = {}

@@ -9,6 +9,8 @@ from cablecast.arm.base import Arm
 from cablecast.arm.shape import GRIPPER_ROD_COUNT, STANDING, arm_shape
 from cablecast.conventions import Array
 from cablecast.learning.policy import Policy
+from cablecast.motion.joint_move import JointMoves, SwingPlane, swing_shape
+from cablecast.rigs.swings import move_envelope
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
@@ -55,9 +57,13 @@ _HOUSING_OUT = 0.75  # Length by which a housing stands out at either end [radii
 _TUBE_SHARE = 0.8  # Radius of a long link over that of its ends [-].
 _FOV, _ELEVATION = np.radians(44.0), np.radians(74.0)  # Steep: the arm hides little of the table.
 _ELEVATION_NARROW = np.radians(86.0)
+# A plane of swings is seen from its side, turned and from above by so much that the floor is seen.
+_ASIDE, _ABOVE, _ROOM = np.radians(14.0), np.radians(7.0), 1.12
+_EXTENT_MOVES = 64  # Moves that tell how far a cable can come.
 _SCALE_ROOM = np.array([0.04, 0.14])  # Room at the table's sides, and for the scale before it [m].
 _MAP_DETAIL = 4  # Pixels of the map's picture for each of its targets, along both sides.
 _MAP_OPACITY = 190.0  # Of 255: lines and words below the map shine through a little.
+_PASSED_OPACITY = 50  # Of 255: arm and cable are seen behind it.
 _PLATE = 190  # Of 255: what lies below words shines through a little.
 _PIXELS = 48  # Height of words, enough for a window that shows one table.
 
@@ -131,11 +137,21 @@ def arm_rods(q: ArrayLike, arm: Arm) -> Rods:
     return Rods(ends=ends, radii=radii, housings=housings)
 
 
-def gripper_rods(q: ArrayLike, arm: Arm) -> Rods:
-    """Return the gripper alone at joint angles [rad], shape [joint]."""
-    rods = arm_rods(q, arm)
-    chosen = slice(-GRIPPER_ROD_COUNT, None)
-    return Rods(ends=rods.ends[chosen], radii=rods.radii[chosen])
+def drawn_rods(q: ArrayLike, setup: Setup, *, tool_alone: bool = False) -> Rods:
+    """Return the arm with its gripper, or with the stick of a strike, at joint angles [rad].
+
+    The angles have the shape [joint]. The gripper or the stick is alone where meshes show the arm.
+    """
+    rods, tool_count = arm_rods(q, setup.arm), GRIPPER_ROD_COUNT
+    ends, radii, housings = rods.ends, rods.radii, rods.housings
+    if setup.strike is not None:
+        stick = JointMoves.of(setup).stick
+        held = swing_shape(np.asarray(q, dtype=float), setup.arm, stick).ends[-1:]
+        ends = np.concatenate([ends[:-GRIPPER_ROD_COUNT], held])
+        radii = np.append(radii[:-GRIPPER_ROD_COUNT], stick.radius)
+        housings, tool_count = np.append(housings[:-GRIPPER_ROD_COUNT], False), 1
+    chosen = slice(-tool_count if tool_alone else 0, None)
+    return Rods(ends=ends[chosen], radii=radii[chosen], housings=housings[chosen])
 
 
 def tube(nodes: Array, radius: float) -> tuple[Array, NDArray[np.integer]]:
@@ -172,18 +188,19 @@ def thinned(points: Array, whole_count: int) -> Array:
     return points if len(points) < 2 else np.concatenate([points[:-1:step], points[-1:]])
 
 
-def ribbon(xy: Array, height: float) -> tuple[Array, NDArray[np.integer]]:
-    """Return a path of up to `TRAIL_COUNT` points at a height above the table as a flat mesh [m].
+def ribbon(path: Array, normal: ArrayLike = (0.0, 0.0, 1.0)) -> tuple[Array, NDArray[np.integer]]:
+    """Return a path of up to `TRAIL_COUNT` points [m], shape [point, 3], as a flat mesh [m].
 
-    It always has the same number of vertices, shape [2 * TRAIL_COUNT, 3]; faces, shape [face, 3].
+    Its width lies across a normal. It always has the same number of vertices, shape
+    [2 * TRAIL_COUNT, 3]; faces, shape [face, 3].
     """
-    along = np.gradient(xy, axis=0) if len(xy) > 1 else np.zeros_like(xy)
+    along = np.gradient(path, axis=0) if len(path) > 1 else np.zeros_like(path)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    side = TRAIL_WIDTH / 2 * np.stack([-along[:, 1], along[:, 0]], axis=1)
+    side = TRAIL_WIDTH / 2 * np.cross(np.asarray(normal, dtype=float), along)
     # What is not yet there lies on the last point, without any area.
-    more = TRAIL_COUNT - len(xy)
-    edges = [np.concatenate([edge, np.repeat(xy[-1:], more, 0)]) for edge in (xy + side, xy - side)]
-    vertices = level(np.stack(edges, axis=1).reshape(-1, 2), height)
+    more = TRAIL_COUNT - len(path)
+    edges = [np.concatenate([e, np.repeat(path[-1:], more, 0)]) for e in (path + side, path - side)]
+    vertices = np.stack(edges, axis=1).reshape(-1, 3)
     left = 2 * np.arange(TRAIL_COUNT - 1)[:, None]
     return vertices, np.concatenate([left + [0, 1, 2], left + [1, 3, 2]])
 
@@ -233,13 +250,75 @@ def target_marks(xy: Array, height: float, within: float = 0.0) -> Array:
 def table_lines(setup: Setup, step: float, height: float) -> Array:
     """Return lines across the table every `step` metres, shape [line, 2, 3]."""
     table = setup.workspace
-    x0, x1, y0, y1 = -table.half_width, table.half_width, table.y_min, table.y_max
+    low, high = (-table.half_width, table.y_min), (table.half_width, table.y_max)
+    return grid_lines(low, high, step, height)
+
+
+def grid_lines(low: ArrayLike, high: ArrayLike, step: float, height: float) -> Array:
+    """Return level lines every `step` metres between two corners [m], shape [line, 2, 3]."""
+    (x0, y0), (x1, y1) = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     lines = []
     for x in step * np.arange(np.ceil(x0 / step), np.floor(x1 / step) + 1):
         lines.append([[x, y0, height], [x, y1, height]])
     for y in step * np.arange(np.ceil(y0 / step), np.floor(y1 / step) + 1):
         lines.append([[x0, y, height], [x1, y, height]])
     return np.array(lines)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Surface:
+    """Where targets lie: the top of the table, or the plane of a swing.
+
+    Places on it are x and y, or the distance ahead and the height [m].
+
+    Attributes:
+        axes: Directions of both coordinates and the normal, as columns, shape [3, 3].
+        origin: Place (0, 0) [m], shape [3].
+    """
+
+    axes: Array
+    origin: Array
+
+    @classmethod
+    def of(cls, setup: Setup) -> "Surface":
+        """Return the surface of the targets of a laboratory."""
+        if setup.strike is None:
+            return cls(axes=np.eye(3), origin=np.zeros(3))
+        plane = SwingPlane.of(JointMoves.of(setup))
+        axes = np.stack([plane.ahead, [0.0, 0.0, 1.0], plane.right], axis=1)
+        return cls(axes=axes, origin=plane.aside * plane.right)
+
+    @property
+    def quat_wxyz(self) -> Array:
+        """Rotation of the axes, shape [4]."""
+        from scipy.spatial.transform import Rotation
+
+        return np.roll(Rotation.from_matrix(self.axes).as_quat(), 1)
+
+    def flat(self, values: ArrayLike) -> Array:
+        """Return the places of outcomes, shape [..., k], on the surface [m], shape [..., 2]."""
+        values = np.asarray(values, dtype=float)
+        at = values if values.shape[-1] == 2 else (values - self.origin) @ self.axes
+        return at[..., :2]
+
+    def pick(self, start: ArrayLike, direction: ArrayLike) -> Array | None:
+        """Return the place that a ray meets [m], shape [2]; None if it meets none."""
+        start = (np.asarray(start, dtype=float) - self.origin) @ self.axes
+        along = np.asarray(direction, dtype=float) @ self.axes
+        if start[2] * along[2] >= -1e-6 * abs(start[2]):
+            return None
+        return (start - along * start[2] / along[2])[:2]
+
+
+def swing_extent(setup: Setup) -> tuple[Array, Array]:
+    """Return the corners of the part of the plane that a swung cable can be in [m], [2] each."""
+    from scipy.stats import qmc
+
+    moves, floor = JointMoves.of(setup), setup.strike_section.floor
+    box = move_envelope(setup, qmc.Sobol(moves.size, rng=0).random(_EXTENT_MOVES))
+    corners = np.stack(np.meshgrid(*np.stack(box, axis=1)), axis=-1).reshape(-1, 3)
+    places = SwingPlane.of(moves).coordinates(corners)[:, :2]
+    return np.maximum(places.min(axis=0), [-np.inf, floor]), places.max(axis=0)
 
 
 def reach_arc(setup: Setup, height: float) -> Array:
@@ -258,8 +337,11 @@ def viewpoint(
     """Return a place behind the robot from which the whole table is seen in an aspect [-].
 
     That is a position and the point looked at [m], shape [3], and the vertical field of view [rad].
-    The panel of the page covers the lower part of a tall picture.
+    The panel of the page covers the lower part of a tall picture. The plane of a swing is seen from
+    its side.
     """
+    if setup.strike is not None:
+        return _viewpoint_aside(setup, aspect, panel=panel)
     table = setup.workspace
     x, near = np.array([table.half_width, table.y_min]) + _SCALE_ROOM * [1.0, -1.0]
     depth = table.y_max - near
@@ -279,6 +361,31 @@ def viewpoint(
     look_at = np.array([0.0, y, 0.0])
     away = first - (near - y) * cos
     return look_at + away * np.array([0.0, -cos, sin]), look_at, float(_FOV)
+
+
+def _viewpoint_aside(setup: Setup, aspect: float, *, panel: bool) -> tuple[Array, Array, float]:
+    """Return a place beside the plane of a swing from which all of it is seen; see `viewpoint`."""
+    surface, (low, high) = Surface.of(setup), swing_extent(setup)
+    bottom, top = (0.24, 0.97) if panel and aspect <= 1.0 else (-0.95, 0.95)
+    tan = np.tan(_FOV / 2)
+    width, height = high - low
+    away = _ROOM * max(width / (2 * tan * max(aspect, 0.2)), height / ((top - bottom) * tan))
+    middle = (low + high) / 2 - [0.0, (top + bottom) / 2 * tan * away]
+    look_at = surface.origin + surface.axes[:, :2] @ middle
+    turned = [-np.sin(_ASIDE) * np.cos(_ABOVE), np.sin(_ABOVE), np.cos(_ASIDE) * np.cos(_ABOVE)]
+    return look_at + away * surface.axes @ turned, look_at, float(_FOV)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class MapPicture:
+    """A picture of the surface that targets lie on, between two corners [m], shape [2] each.
+
+    Its shape is [row, column, 4], with the far or upper edge first.
+    """
+
+    image: NDArray[np.uint8]
+    low: Array
+    high: Array
 
 
 def map_targets(table: Workspace) -> Array:
@@ -301,6 +408,19 @@ def miss_map(policy: Policy) -> Array:
     offset = np.linalg.norm(plan.predicted_xy - plan.target_xy, axis=1)
     miss[inside] = np.hypot(offset, np.nan_to_num(plan.sensitivity))
     return miss
+
+
+def passed_map(tips: ArrayLike, setup: Setup) -> MapPicture:
+    """Return where tips [m], shape [..., 3], pass in the plane of a swing, in blue."""
+    low, high = swing_extent(setup)
+    points = np.asarray(tips, dtype=float).reshape(-1, 3)
+    places = Surface.of(setup).flat(points[np.isfinite(points[:, 0])])
+    counts = np.ceil((high - low) / _MAP_STEP).astype(int)
+    edges = [np.linspace(low[k], high[k], counts[k] + 1) for k in range(2)]
+    passed = np.histogram2d(*places.T, bins=edges)[0].T > 0
+    image = np.zeros((*passed.shape, 4), dtype=np.uint8)
+    image[passed] = (*BLUE, _PASSED_OPACITY)
+    return MapPicture(image=np.flipud(image), low=low, high=high)
 
 
 def map_image(miss: Array, setup: Setup) -> NDArray[np.uint8]:

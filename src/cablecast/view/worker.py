@@ -71,7 +71,7 @@ class Worker:
         """Start some work, or refuse it; a person reads its name, e.g. "a cast"."""
         with self._lock:
             if self.state.name:
-                raise InputError(f"the table is busy: {self.state.name} is under way")
+                raise InputError(f"the rig is busy: {self.state.name} is under way")
             self.state = WorkState(name=name)
             self._asked_to_stop = False
             self._pace = Pace()
