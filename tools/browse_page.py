@@ -24,6 +24,7 @@ from cablecast.conventions import polar_to_xy
 from cablecast.setup import Setup
 from cablecast.view.film import camera_behind_robot
 from cablecast.view.page import WIDE
+from cablecast.view.shapes import Surface
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -105,16 +106,16 @@ class TablePage:
         return str(self.tab.inner_text("body"))
 
     def point_at(self, xy: Any) -> None:
-        """Click on a point of the table [m]."""
+        """Click on a point of the table, or of the plane of a swing [m], shape [2]."""
         self.tab.mouse.click(*self.pixel(xy))
 
     def pixel(self, xy: Any) -> tuple[float, float]:
-        """Return where in the window a point of the table [m] is seen before anybody turns it."""
+        """Return where in the window a target [m], shape [2], is seen before anybody turns it."""
         box = self.tab.locator("canvas").first.bounding_box()
         aspect = min(box["width"] / box["height"], WIDE)
         size = round(box["width"]), round(box["height"])
         camera = camera_behind_robot(self._setup, *size, aspect, panel=True)
-        x, y = camera.to_image(np.append(xy, 0.0))
+        x, y = camera.to_image(Surface.of(self._setup).points(xy))
         return box["x"] + float(x), box["y"] + float(y)
 
     def target(self) -> np.ndarray:

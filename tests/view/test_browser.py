@@ -15,6 +15,7 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
+from tests.view.serve_page import STRIKE_SETUP
 from tools.browse_page import TablePage, find_browser, open_browser
 
 from cablecast.setup import Setup
@@ -88,13 +89,13 @@ def page(served, browser):
     return open_page(browser, served)
 
 
-def open_page(browser, served, **options):
+def open_page(browser, served, setup=None, **options):
     # Stripes and notices that move are drawn in software, too.
     options = {"viewport": {"width": 800, "height": 360}} | options
     tab = browser.new_page(reduced_motion="reduce", **options)
-    page = TablePage(tab, Setup())
+    page = TablePage(tab, setup or Setup())
     page.open(served.address)
-    page.wait_for("Click on the table")
+    page.wait_for("Click on the")
     page.hide_notices()
     return page
 
@@ -228,5 +229,25 @@ def test_a_rig_that_fails_says_so_and_a_hit_offers_another_target(browser, tmp_p
         page.wait_for("Click on the table")
         assert page.button("Cast").is_disabled()
         page.tab.close()
+    finally:
+        served.kill()
+
+
+def test_a_finger_taps_a_point_in_the_air_and_the_cable_is_swung_there(browser, tmp_path):
+    served = Served(tmp_path, "strike")
+    try:
+        phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+        page = open_page(browser, served, STRIKE_SETUP, **phone)
+        page.tab.touchscreen.tap(*page.pixel((1.2, 0.9)))
+        page.wait_for("Look at the plan")
+        ahead, height = (page.tab.get_by_label(name).input_value() for name in ("ahead", "height"))
+        assert np.allclose([float(ahead), float(height)], (1.2, 0.9), atol=POINTING)
+        button = page.button("Swing")
+        assert button.bounding_box()["height"] >= FINGER
+        button.click()
+        page.wait_for_rest()
+        page.wait_for("The nearest point of its path is")
+        assert numbers(page) == ["1"]
+        page.tab.context.close()
     finally:
         served.kill()

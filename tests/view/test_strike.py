@@ -197,7 +197,7 @@ def test_the_plane_of_the_swing_is_where_swings_are_and_is_met_from_both_sides()
     q = np.array(moves.start)
     root = moves.stick.root(moves.arm.frames(q)[-1])
     flat = surface.flat(root)
-    point = surface.origin + surface.axes[:, :2] @ flat
+    point = surface.points(flat)
     assert np.allclose(point, root, atol=ROUNDING)
     normal = surface.axes[:, 2]
     for side in (1.0, -1.0):
@@ -217,7 +217,7 @@ def test_the_whole_plane_is_seen_from_its_side(aspect):
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     corners = np.array([low, high, [low[0], high[1]], [high[0], low[1]]])
-    points = surface.origin + corners @ surface.axes[:, :2].T - position
+    points = surface.points(corners) - position
     depth = points @ forward
     across = points @ right / depth / np.tan(fov / 2) / aspect
     up = points @ np.cross(right, forward) / depth / np.tan(fov / 2)

@@ -105,7 +105,10 @@ class Aim(AimConfig, _Targets):
         if setup.strike is not None:
             from cablecast.cli.strike import aim_strike
 
-            return aim_strike(self, setup)
+            status = aim_strike(self, setup)
+            print(f"next      {_view_command(self)}")
+            print("          shows these swings and makes more")
+            return status
         from cablecast.cli.progress import console_progress
         from cablecast.cli.tries import EXIT_MISSED, TableTries, print_folder, print_medians
         from cablecast.data.dataset import read_dataset
@@ -194,7 +197,7 @@ def _small_text(within_pct: float, setup: "Setup") -> str:
 
 def _view_command(options: Aim) -> str:
     """Return the command that opens the page on the casts and the model of a session."""
-    same = {name: getattr(options, name) for name in ("rig", "setup", "cable", "out")}
+    same = {name: getattr(options, name) for name in ("task", "rig", "setup", "cable", "out")}
     same |= {
         field.name: value
         for field in dataclasses.fields(AimConfig)

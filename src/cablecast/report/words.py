@@ -17,6 +17,7 @@ from cablecast.aiming.session import (
 )
 from cablecast.cast import Cast, Proposal
 from cablecast.conventions import xy_to_polar
+from cablecast.motion.joint_move import JointMove
 from cablecast.motion.polar import PolarCast
 
 DRIFT_NOTE = (
@@ -89,9 +90,12 @@ def chance_text(chance: float) -> str:
 
 
 def hit_text(proposal: Proposal, tries: int) -> str:
-    """Return the chance of a hit with a cast, and with the last of so many tries at its goal."""
+    """Return the chance of a hit with a cast, and with the last of so many tries at its goal.
+
+    How the tries of swings go on is not known.
+    """
     text, left = chance_text(proposal.hit_chance), tries - proposal.try_number + 1
-    if left < 2:
+    if left < 2 or isinstance(proposal.action, JointMove):
         return text
     chances = hit_chances(
         proposal.expected, proposal.goal, proposal.action.family, left, proposal.try_number
@@ -118,6 +122,8 @@ def motion_text(proposal: Proposal) -> str:
     action, duration = proposal.action, f"{proposal.trajectory.duration:.2f} s"
     if isinstance(action, PolarCast):
         return f"{duration}, {action}"
+    if isinstance(action, JointMove):
+        return duration
     pace = action.to_array()[-1]
     return duration if pace == 1.0 else f"{duration}, a pace of {pace:.2f}"
 

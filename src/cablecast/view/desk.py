@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablecast.aiming.session import AimSession, CastSession
-from cablecast.cast import Cast
+from cablecast.cast import Cast, Proposal
 from cablecast.conventions import stream
 from cablecast.engines.base import Engine
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
+from cablecast.report.words import stop_text
 from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import Setup
@@ -166,7 +167,7 @@ class Desk:
             self.preview, self.stop = None, ""
             proposal = self.task.propose(session, target)
             self.preview = self.task.preview(session, proposal)
-            self.stop = self.task.stop_of(session, proposal)
+            self.stop = _stop_words(session, proposal)
             self.message = ""
             return self.preview
 
@@ -189,7 +190,9 @@ class Desk:
             self.stop = ""
             if self.is_hit:
                 return
-            self.stop = self.task.stop(session, last.target_xy)
+            # Other sessions stop no cast, and a plan takes long.
+            if isinstance(session, AimSession):
+                self.stop = _stop_words(session, session.propose(last.target_xy))
             if not self.stop and session.is_done(last.target_xy):
                 used = len(session.casts_at(last.target_xy))
                 words = f"all {used} tries at this target are" if used > 1 else "its only try is"
@@ -250,3 +253,9 @@ class Desk:
     def _refuse_casting(self) -> None:
         if self._casting:
             raise InputError("a cast is under way: wait until the cable rests")
+
+
+def _stop_words(session: CastSession, proposal: Proposal) -> str:
+    """Return why a proposed cast is not worth making; empty if it is."""
+    stop = session.stop(proposal)
+    return "" if stop is None else stop_text(stop)

@@ -301,6 +301,10 @@ class Surface:
         at = values if values.shape[-1] == 2 else (values - self.origin) @ self.axes
         return at[..., :2]
 
+    def points(self, places: ArrayLike) -> Array:
+        """Return places on the surface [m], shape [..., 2], as points [m], shape [..., 3]."""
+        return self.origin + np.asarray(places, dtype=float) @ self.axes[:, :2].T
+
     def pick(self, start: ArrayLike, direction: ArrayLike) -> Array | None:
         """Return the place that a ray meets [m], shape [2]; None if it meets none."""
         start = (np.asarray(start, dtype=float) - self.origin) @ self.axes
@@ -371,7 +375,7 @@ def _viewpoint_aside(setup: Setup, aspect: float, *, panel: bool) -> tuple[Array
     width, height = high - low
     away = _ROOM * max(width / (2 * tan * max(aspect, 0.2)), height / ((top - bottom) * tan))
     middle = (low + high) / 2 - [0.0, (top + bottom) / 2 * tan * away]
-    look_at = surface.origin + surface.axes[:, :2] @ middle
+    look_at = surface.points(middle)
     turned = [-np.sin(_ASIDE) * np.cos(_ABOVE), np.sin(_ABOVE), np.cos(_ASIDE) * np.cos(_ABOVE)]
     return look_at + away * surface.axes @ turned, look_at, float(_FOV)
 

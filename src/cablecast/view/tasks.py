@@ -26,7 +26,7 @@ from cablecast.motion.trajectory import JointPath, Trajectory, plan_trajectory
 from cablecast.pipeline.aim import prepare_aim
 from cablecast.pipeline.strike import prepare_strike
 from cablecast.report.strike_page import envelope_text, target_text
-from cablecast.report.words import chance_text, change_text, hit_text, motion_text, stop_text
+from cablecast.report.words import change_text
 from cablecast.rigs.swings import move_envelope
 from cablecast.runs.progress import ProgressCallback
 from cablecast.setup import Setup
@@ -87,7 +87,7 @@ class PageTask(abc.ABC, Generic[Session]):
         moves_first: Whether the arm moves to get ready.
         plans_long: Whether a plan takes so long that a person is told of it.
         heads: What to do next, by the name of the phase, where it is particular.
-        steps: Steps up to the first cast, and how many of them get ready.
+        steps: Steps up to the first cast; the last two are to point and to cast.
         lost: What becomes of a cast that fails.
         inside: What an outcome does inside the region that was stated.
         map_name: Name of the map.
@@ -102,7 +102,6 @@ class PageTask(abc.ABC, Generic[Session]):
     plans_long: ClassVar[bool]
     heads: ClassVar[Mapping[str, str]]
     steps: ClassVar[tuple[str, ...]]
-    prepared_count: ClassVar[int]
     lost: ClassVar[str]
     inside: ClassVar[str]
     map_name: ClassVar[str]
@@ -177,23 +176,6 @@ class PageTask(abc.ABC, Generic[Session]):
         """Return the words for a target with more digits."""
         return self.place(value)
 
-    def chance(self, proposal: Proposal, tries: int) -> str:
-        """Return the chance of a hit; with more of so many tries, too, where it is known."""
-        return chance_text(proposal.hit_chance)
-
-    def motion(self, proposal: Proposal) -> str:
-        """Return how long a motion takes."""
-        return f"{proposal.trajectory.duration:.2f} s"
-
-    def stop(self, session: Session, target: NDArray[np.float64]) -> str:
-        """Return why another cast at a target is not worth making; empty if it is."""
-        return ""
-
-    def stop_of(self, session: Session, proposal: Proposal) -> str:
-        """Return why a proposed cast is not worth making; empty if it is."""
-        stop = session.stop(proposal)
-        return "" if stop is None else stop_text(stop)
-
     @abc.abstractmethod
     def news(self, session: Session, cast: Cast) -> str:
         """Return what follows from a cast with an outcome."""
@@ -217,7 +199,6 @@ class PageLanding(PageTask[AimSession]):
         "**Point.** Choose a target with a click: a ghost shows the planned cast.",
         "**Cast.** Watch the cable, and read how far it missed. Then correct, and cast again.",
     )
-    prepared_count = 3
     lost = "hidden or off the table"
     inside = "landed"
     map_name, shows_map = "Where it can land", False
@@ -310,18 +291,6 @@ class PageLanding(PageTask[AimSession]):
         r, theta = xy_to_polar(value)
         return f"{r:.3f} m, {math.degrees(theta):.1f}°"
 
-    def chance(self, proposal: Proposal, tries: int) -> str:
-        """Return the chance of a hit with this cast, and with the last of so many tries."""
-        return hit_text(proposal, tries)
-
-    def motion(self, proposal: Proposal) -> str:
-        """Return how long a motion takes, and its pace where that is not the paper's."""
-        return motion_text(proposal)
-
-    def stop(self, session: AimSession, target: NDArray[np.float64]) -> str:
-        """Return why another cast at a target is not worth making; empty if it is."""
-        return self.stop_of(session, session.propose(target))
-
     def news(self, session: AimSession, cast: Cast) -> str:
         """Return what the simulators make of a landing."""
         return change_text(cast, session)
@@ -371,7 +340,6 @@ class PageStrike(PageTask[StrikeSession]):
         "**Point.** Choose a target with a click on the plane: a ghost shows the planned swing.",
         "**Swing.** Watch the tip, and read how far it missed. Then correct, and swing again.",
     )
-    prepared_count = 1
     lost = "lost"
     inside = "passed"
     map_name, shows_map = "Where it can strike", True

@@ -8,6 +8,7 @@ import numpy as np
 from cablecast.cast import Cast, Proposal
 from cablecast.report.strike_page import target_text
 from cablecast.report.tables import markdown_table
+from cablecast.report.words import hit_text, motion_text
 from cablecast.runs.progress import duration_text
 from cablecast.task import closest
 from cablecast.view.desk import Desk, Phase
@@ -25,13 +26,12 @@ def tour_text(desk: Desk, state: WorkState) -> str:
     """Return the steps up to the first cast with the present one marked; nothing after that."""
     if desk.tries:
         return ""
-    task = desk.task
+    steps, lines = desk.task.steps, []
     if desk.session is None:
-        now = min(max(state.step, 1), task.prepared_count) if state.name else 0
+        now = min(max(state.step, 1), len(steps) - 2) if state.name else 0
     else:
-        now = task.prepared_count + (1 if desk.preview is None else 2)
-    lines = []
-    for number, what in enumerate(task.steps, start=1):
+        now = len(steps) - (desk.preview is None)
+    for number, what in enumerate(steps, start=1):
         mark = "✓" if number < now else "▶" if number == now else "○"
         lines.append(f"{mark} {what}")
     return "\n\n".join(lines)
@@ -83,10 +83,10 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     fastest, hardest = (int(np.argmax(row)) for row in shares)
     rows = [
         ("target", f"{task.exact_place(proposal.goal.value)}, try {proposal.try_number}"),
-        ("chance of a hit", task.chance(proposal, tries)),
+        ("chance of a hit", hit_text(proposal, tries)),
         ("most likely", f"{_length_text(half, length)} off"),
         ("nine of ten", f"within {_length_text(most, length)}"),
-        ("duration", task.motion(proposal)),
+        ("duration", motion_text(proposal)),
         ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({names[fastest]})"),
         ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({names[hardest]})"),
     ]
