@@ -2,8 +2,9 @@
 
     python tools/browse_page.py http://127.0.0.1:8080 docs/images
 
-takes the pictures of the documentation from a page that runs with a prepared session. With
---first-cast it goes the way of a newcomer instead: three clicks on a page without a model.
+takes the pictures of the documentation from a page that runs with a prepared session, and with
+--strike those of `view --task strike`. With --first-cast it goes the way of a newcomer instead:
+three clicks on a page without a model.
 """
 
 import argparse
@@ -21,7 +22,7 @@ import numpy as np
 from PIL import Image
 
 from cablecast.conventions import polar_to_xy
-from cablecast.setup import Setup
+from cablecast.setup import Setup, StrikeConfig
 from cablecast.view.film import camera_behind_robot
 from cablecast.view.page import WIDE
 from cablecast.view.shapes import Surface
@@ -44,6 +45,9 @@ FLAGS = (
 
 PICTURED = (-0.5, 0.85)
 """Target of the pictures [m]."""
+
+STRUCK = (0.9, 1.4)
+"""Target of the picture of a strike: distance ahead and height [m]."""
 
 COLORS = 256
 """Colours of a picture."""
@@ -229,6 +233,22 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         phone.picture(folder / "view-phone.png")
 
 
+def take_strike_picture(address: str, folder: pathlib.Path) -> None:
+    """Take the picture of docs/strike.md, of a first try."""
+    with open_browser() as browser:
+        tab = browser.new_page(viewport={"width": 1280, "height": 720})
+        page = TablePage(tab, Setup(strike=StrikeConfig()))
+        page.open(address)
+        page.wait_for("Click on the plane")
+        page.hide_notices()
+        page.point_at(STRUCK)
+        page.wait_for("Look at the plan")
+        page.button("Swing").click()
+        page.wait_for_rest()
+        time.sleep(6.0)
+        page.picture(folder / "view-strike.png")
+
+
 def make_first_cast(address: str, folder: pathlib.Path) -> None:
     """Go from a page without a model to the first cast in three clicks, and say what each took."""
     with open_browser() as browser:
@@ -266,10 +286,12 @@ def main() -> None:
     parser.add_argument("address", help="address of a page with a prepared session")
     parser.add_argument("folder", type=pathlib.Path, help="folder of the pictures")
     parser.add_argument("--first-cast", action="store_true", help="make the first cast")
+    parser.add_argument("--strike", action="store_true", help="strike a point in the air")
     arguments = parser.parse_args()
     if find_browser() is None:
         raise SystemExit(f"none of {', '.join(BROWSERS)} is installed")
     browse = make_first_cast if arguments.first_cast else take_pictures
+    browse = take_strike_picture if arguments.strike else browse
     browse(arguments.address, arguments.folder)
 
 

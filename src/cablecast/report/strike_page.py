@@ -47,7 +47,8 @@ def target_text(value: Array, setup: Setup) -> str:
     """Return a target by its place on the table, or in the plane of the swing, in short."""
     if setup.strike is None:
         return place_text(value)
-    return plane_text(value, SwingPlane.of(JointMoves.of(setup)))
+    ahead, height, _ = SwingPlane.of(JointMoves.of(setup)).coordinates(value).tolist()
+    return f"{ahead:.2f} m, {height:.2f} m high"
 
 
 def envelope_text(low: Array, high: Array) -> str:

@@ -60,7 +60,9 @@ class ShownCast:
     @classmethod
     def of_track(cls, track: EndpointTrack, joint_path: JointPath | None) -> "ShownCast":
         """Return what a rig saw, with these commanded joints where it reported none."""
-        times = np.arange(0.0, float(track.times[-1]) + 1e-9, FRAME_DT)
+        # A tip in the air is several times as fast as one on a table.
+        step = FRAME_DT if track.endpoint_z is None else SAMPLE_DT
+        times = np.arange(0.0, float(track.times[-1]) + 1e-9, step)
         return cls(
             times=times,
             path=_smooth(track.times, track.path, times),

@@ -20,12 +20,12 @@ from cablecast.engines.swing import swing_model
 from cablecast.errors import CablecastError, InputError
 from cablecast.motion.action import mirror_to_right
 from cablecast.motion.casting import Action
-from cablecast.motion.joint_move import JointMoves
+from cablecast.motion.joint_move import JointMoves, SwingPlane
 from cablecast.motion.limits import check_grip_paths
 from cablecast.motion.trajectory import JointPath, Trajectory, plan_trajectory
 from cablecast.pipeline.aim import prepare_aim
 from cablecast.pipeline.strike import prepare_strike
-from cablecast.report.strike_page import envelope_text, target_text
+from cablecast.report.strike_page import envelope_text, plane_text, target_text
 from cablecast.report.words import change_text
 from cablecast.rigs.swings import move_envelope
 from cablecast.runs.progress import ProgressCallback
@@ -172,9 +172,9 @@ class PageTask(abc.ABC, Generic[Session]):
         """Return words for a target or an outcome, shape [k]."""
         return target_text(value, self.setup)
 
+    @abc.abstractmethod
     def exact_place(self, value: Array) -> str:
-        """Return the words for a target with more digits."""
-        return self.place(value)
+        """Return more words, or digits, for a target or an outcome, shape [k]."""
 
     @abc.abstractmethod
     def news(self, session: Session, cast: Cast) -> str:
@@ -413,7 +413,11 @@ class PageStrike(PageTask[StrikeSession]):
     def news(self, session: StrikeSession, cast: Cast) -> str:
         """Return where the tip passed."""
         note = f"{cast.track.note}. " if cast.track.note else ""
-        return f"{note}the nearest point of its path is {self.place(cast.outcome)}"
+        return f"{note}the nearest point of its path is {self.exact_place(cast.outcome)}"
+
+    def exact_place(self, value: Array) -> str:
+        """Return a place in the plane of the swing."""
+        return plane_text(value, SwingPlane.of(JointMoves.of(self.setup)))
 
     def danger(self, session: StrikeSession | None) -> str:
         """Return the box that the cable can be in, and what a person is asked."""
