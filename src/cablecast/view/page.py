@@ -56,7 +56,7 @@ FACTOR_MAX = 10.0
 PHONE_STYLE = """<style>
 @media (max-width: 36em) {
   [style*="width: 20em"] { width: 100% !important; }
-  button.mantine-Button-root, button.mantine-Tabs-tab, input[type="text"] {
+  button.mantine-Button-root, button.mantine-Tabs-tab, input.mantine-Input-input {
     min-height: 44px !important; height: 44px !important;
   }
 }

@@ -540,7 +540,6 @@ class TableScene(TargetScene):
 
     def _draw(self) -> None:
         scene, table = self._server.scene, self._setup.workspace
-        low, high = (-table.half_width, table.y_min), (table.half_width, table.y_max)
         width, depth = 2 * table.half_width, table.y_max - table.y_min
         middle = (table.y_min + table.y_max) / 2
         for name, color, margin, thickness, z in (
@@ -556,6 +555,9 @@ class TableScene(TargetScene):
             )
         self._lines("/room/lines", table_lines(self._setup, 0.25, LIFT / 2), TABLE_LINE, 1.0)
         self._lines("/room/reach", reach_arc(self._setup, LIFT), JOINT, 2.0)
+        # The base is at 0 m ahead.
+        low = (-table.half_width, max(table.y_min, 0.1))
+        high = (table.half_width, table.y_max)
         self._scale(low, high, table.y_min - 0.07, 0.14 - table.half_width)
         self._text("/room/scale/axis_x", "x", (_AXIS + 0.05, 0.03, LIFT))
         self._text("/room/scale/axis_y", "y", (0.03, _AXIS + 0.03, LIFT))
