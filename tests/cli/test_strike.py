@@ -65,6 +65,7 @@ def test_a_killed_command_goes_on_with_the_swings_that_it_made(lab, capsys):
     page = (lab / "out" / "report" / "report.html").read_text()
     assert "1.20 m ahead, 0.90 m high" in page
     assert "the cable can be anywhere in x" in said
+    assert "next      cablecast view --rig engine --setup lab.yaml --out out\n" in said
 
 
 def test_a_target_that_no_swing_reaches_is_said_at_once_with_the_nearest_that_one_does(lab, capsys):
