@@ -289,7 +289,7 @@ class PageLanding(PageTask[AimSession]):
     def exact_place(self, value: Array) -> str:
         """Return a place in polar coordinates."""
         r, theta = xy_to_polar(value)
-        return f"{r:.3f} m, {math.degrees(theta):.1f}°"
+        return f"{r:.3f} m, {math.degrees(theta):z.1f}°"
 
     def news(self, session: AimSession, cast: Cast) -> str:
         """Return what the simulators make of a landing."""
