@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import shlex
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from cablecast.arm.ur import ArmUR
 from cablecast.camera.tags import default_layout
 from cablecast.cli import main
+from cablecast.cli.calibrate import _ask_for_touches
 from cablecast.setup import load_setup
 
 LAB = """\
@@ -146,3 +148,11 @@ def test_pictures_of_a_board_become_the_lens_in_the_lab_file(lab, tmp_path, caps
     assert settings.lens is not None
     # Eight pictures of half the usual size.
     np.testing.assert_allclose(settings.lens.focal, camera.view.lens.focal, rtol=5e-3)
+
+
+def test_the_option_that_gives_typed_points_again_can_be_typed(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("1 2 3\n"))
+    file = tmp_path / "my lab-touched.csv"
+    _ask_for_touches([7], file)
+    said = capsys.readouterr().out.splitlines()[-1]
+    assert shlex.split(said.partition("kept: ")[2])[:2] == ["--touched", str(file)]

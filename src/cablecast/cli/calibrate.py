@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import math
 import pathlib
+import shlex
 import sys
 import typing
 from typing import TYPE_CHECKING, Annotated
@@ -132,7 +133,7 @@ def _ask_for_touches(tag_ids: list[int], file: pathlib.Path) -> "dict[int, Point
             touched[tag_id] = point
             write_csv(file, ("tag", "x_m", "y_m", "z_m"), [(i, *own) for i, own in touched.items()])
     if touched:
-        print(f"The points are kept: --touched {file} gives them again")
+        print(f"The points are kept: --touched {shlex.quote(str(file))} gives them again")
     return touched
 
 
