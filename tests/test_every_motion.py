@@ -89,7 +89,7 @@ def casts_of(kind):
     session = types.SimpleNamespace(
         setup=setup,
         config=AimConfig(),
-        casts=casts,
+        active_casts=lambda: list(enumerate(casts)),
         casts_at=lambda value: casts,
         fitted_count=5,
         sight=None,

@@ -76,7 +76,11 @@ def tried():
         policy=types.SimpleNamespace(model=types.SimpleNamespace(info=info))
     )
     session = types.SimpleNamespace(
-        setup=SETUP, config=AimConfig(), casts=range(11), fitted_count=5, model=model
+        setup=SETUP,
+        config=AimConfig(),
+        active_casts=lambda: list(enumerate(range(10))),
+        fitted_count=5,
+        model=model,
     )
     stuck = Stop(
         proposal=casts[4].proposal, reason=StopReason.STUCK, nearest=TARGETS[1], is_simulated=False
@@ -111,6 +115,10 @@ def test_each_target_says_what_came_of_it_and_how_far_each_try_missed(page):
     assert "<td>left after one try: " in page
     assert "<td>not cast at: " in page
     assert "<td>out of reach: no simulated cast lands there</td><td></td>" in page
+
+
+def test_casts_that_were_discarded_are_not_among_those_that_are_known(page):
+    assert "and 4 casts on the rig besides those at these targets" in page
 
 
 def test_one_try_is_not_called_all_of_them(tried):

@@ -158,7 +158,7 @@ class Aim(AimConfig, _Targets):
                     out=out,
                     progress=progress,
                 )
-            known, name = len(session.casts), setup.cable.name
+            known, name = len(session.active_casts()), setup.cable.name
             if known:
                 count = session.fitted_count
                 print(f"{known} casts of {name} are known; the simulator is fitted to {count}")

@@ -44,7 +44,7 @@ def aim_strike(options: Any, setup: Setup) -> int:
     with open_rig(options.rig, setup, options.seed, out, options.time_limit) as rig:
         with console_progress() as progress:
             session = prepare_strike(rig, config, out=out, progress=progress)
-        known = len(session.casts)
+        known = len(session.active_casts())
         swings = "1 swing" if known == 1 else f"{known or 'no'} swings"
         print(f"{swings} of {setup.cable.name} {'is' if known == 1 else 'are'} known")
         envelope = move_envelope(setup, session.prior.units)
