@@ -196,7 +196,7 @@ def test_all_tries_at_a_target_end_it(desk, own):
     desk.cast(desk.preview)
     desk.look_ahead()
     assert desk.phase is Phase.DONE
-    assert "all 1 tries" in desk.stop
+    assert desk.stop == "its only try is used"
 
 
 def test_a_cast_after_a_landing_is_a_corrected_one(desk):
