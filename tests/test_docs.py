@@ -280,7 +280,7 @@ def test_the_arms_of_the_lab_page_can_make_most_motions_with_the_settings_there(
         level += setup.arm.lengths.d6 - setup.arm.lengths.d1
         assert base_height == pytest.approx(level, abs=5e-4)
         resets = contextlib.nullcontext()
-        if model in ("ur3", "ur3e", "ur16e"):
+        if model in ("ur3", "ur3e"):
             resets = pytest.raises(JointLimitError, match=r"even 1\.3 times as slow")
         with resets:
             assert plan_reset(reset_pose(setup.workspace), setup).duration < RESET_TIME_MAX, model

@@ -677,7 +677,7 @@ class PolarCastingPolicy:
     @property
     def info(self) -> dict[str, Any]:
         """Name of the policy, and settings of its motions."""
-        cast = PolarCastConfig.of(self.setup)
+        cast = PolarCastConfig.of(self.setup, casts=True)
         return {"name": "polar casting"} | dataclasses.asdict(cast)
 
     @functools.cached_property

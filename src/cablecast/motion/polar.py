@@ -182,14 +182,15 @@ class PolarCastConfig:
     pull_time_min: float = 0.5
 
     @classmethod
-    def of(cls, setup: Setup) -> "PolarCastConfig":
+    def of(cls, setup: Setup, *, casts: bool = False) -> "PolarCastConfig":
         """Return the settings for the arm and the cable of a set-up.
 
         Where the arm cannot follow a reset with those for its reach, even slowed down, these are
-        the nearest ones with which it can: lower, farther out, shorter, or slower. Where there are
-        none, those for its reach.
+        the nearest ones with which it can: lower, farther out, shorter, or slower. Those for polar
+        casts are such that it follows a cast straight ahead, too, which is not slowed down. Where
+        there are none, those for its reach.
         """
-        return _followed(setup)
+        return _followed(setup, casts)
 
     @classmethod
     def of_reach(cls, workspace: Workspace) -> "PolarCastConfig":
@@ -265,7 +266,7 @@ class PolarReach:
     def of(cls, setup: Setup, config: PolarCastConfig | None = None) -> "PolarReach":
         """Return the region for the cable and table of a set-up."""
         cable, workspace = setup.cable, setup.workspace
-        config = config or PolarCastConfig.of(setup)
+        config = config or PolarCastConfig.of(setup, casts=True)
         reach = cls(
             cable_length=cable.length,
             cast_radius=min(config.cast_radius, workspace.r_max),
@@ -502,7 +503,7 @@ class PolarCast:
 
     def grip_path(self, setup: Setup) -> GripPath:
         """Return the path of the gripper from the reset pose, one row."""
-        return _cast_path(self, setup, PolarCastConfig.of(setup))
+        return _cast_path(self, setup, PolarCastConfig.of(setup, casts=True))
 
     def set_points(self, grip_path: GripPath, setup: Setup) -> JointPath:
         """Return the set points of the joints that follow the path of the gripper."""
@@ -663,7 +664,7 @@ def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
 
 
 @functools.lru_cache(maxsize=64)
-def _followed(setup: Setup) -> PolarCastConfig:
+def _followed(setup: Setup, for_casts: bool) -> PolarCastConfig:
     """Return the settings for an arm's reach, or those nearest to them that it can follow."""
     config, pose = PolarCastConfig.of_reach(setup.workspace), reset_pose(setup.workspace)
     y = setup.workspace.support_depth
@@ -682,7 +683,7 @@ def _followed(setup: Setup) -> PolarCastConfig:
     def casts(settings: PolarCastConfig) -> bool:
         return follows(lambda: _cast_path(PolarCast(0.0, 0.0, y, _PACE), setup, settings))
 
-    if casts(config) and resets(config):
+    if resets(config) and (not for_casts or casts(config)):
         return config
     found = config if resets(config) else None
     for place in _PLACES:
@@ -692,7 +693,7 @@ def _followed(setup: Setup) -> PolarCastConfig:
         for settings in (moved.paced(*times) for times in _TIMES):
             if not resets(settings):
                 continue
-            if casts(settings):
+            if not for_casts or casts(settings):
                 return settings
             found = found or settings
     return found or config
