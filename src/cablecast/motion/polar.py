@@ -20,6 +20,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablecast.arm.ur import ArmUR
 from cablecast.cable import Cable
 from cablecast.conventions import GRAVITY, Array, polar_to_xy, xy_to_polar
 from cablecast.errors import (
@@ -188,8 +189,11 @@ class PolarCastConfig:
         Where the arm cannot follow a reset with those for its reach, even slowed down, these are
         the nearest ones with which it can: lower, farther out, shorter, or slower. Those for polar
         casts are such that it follows a cast straight ahead, too, which is not slowed down. Where
-        there are none, those for its reach.
+        there are none, those for its reach; so, too, of an arm whose joints are searched for, as
+        each height would take it seconds.
         """
+        if not isinstance(setup.arm, ArmUR):
+            return cls.of_reach(setup.workspace)
         return _followed(setup, casts)
 
     @classmethod
