@@ -56,7 +56,8 @@ class PromisesArgs:
     first: int = 0
     """Seed of the first laboratory."""
     minutes: float = 1e6
-    """Time after which no other laboratory is begun [min]."""
+    """Time after which no other laboratory is begun, and the tables are of those that are done
+    [min]."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/promises")
     """Folder of the results, in which the same command resumes."""
 
@@ -136,13 +137,15 @@ def promises(args: PromisesArgs) -> Iterator[Table]:
         lab = parts.get(f"lab-{seed:03d}")
         if lab is None:
             if time.monotonic() > end:
-                print(f"{ran} of {args.count} laboratories are done: the same command goes on")
-                break
+                seed += 1
+                continue
             lab = plain(play(args, seed))
             parts.put(f"lab-{seed:03d}", lab)
         found.append(lab)
         ran += not lab["refused"]
         seed += 1
+    if ran < args.count:
+        print(f"{ran} of {args.count} laboratories are done: the same command goes on")
     rows = [row for lab in found for row in lab["targets"]]
     yield outcomes(found)
     yield checks(found, args.tries)
