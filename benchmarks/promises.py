@@ -116,7 +116,8 @@ def aim_at(
     try:
         result = cc.aim(session, rig, place, on_proposal=note, progress=cc.ignore)
     except cc.CablecastError as error:
-        return row | {"stop": str(error)}
+        # The rig failed to make the last of them, and none before it hit.
+        return row | {"stop": str(error), "miss_pct": [100.0] * len(row["stated"])}
     row["miss_pct"] = [cast.miss_pct if cast.landed else 100.0 for cast in result.casts[0]]
     stop = result.stops[0]
     if stop is not None:
