@@ -179,7 +179,7 @@ def test_the_command_says_that_it_begins_with_the_believed_values(tmp_path, caps
     assert main(["aim", "--target", "1.1", "10", "--force", *options]) == 3
     assert "no cast of cable_1 is known yet" in capsys.readouterr().out
     assert main(["aim", "--target", "1.0", "-5", "--force", *options]) == 3
-    assert "1 casts of cable_1 are known; the simulator is fitted to 0" in capsys.readouterr().out
+    assert "1 cast of cable_1 is known; the simulator is fitted to 0" in capsys.readouterr().out
 
 
 def test_a_new_fit_needs_casts_and_a_folder(rig, tmp_path):

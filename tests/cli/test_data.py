@@ -14,7 +14,7 @@ def test_a_table_becomes_a_dataset_and_a_dataset_a_lerobot_data_set(tmp_path, ca
     (tmp_path / "table.csv").write_text("\n".join(rows) + "\n")
     casts, out = tmp_path / "casts", tmp_path / "lerobot"
     assert main(["import", str(tmp_path / "table.csv"), "--out", str(casts)]) == 0
-    assert "1 casts of cable_1" in capsys.readouterr().out
+    assert "1 cast of cable_1 is in" in capsys.readouterr().out
     # The same command again finds its work done.
     assert main(["import", str(tmp_path / "table.csv"), "--out", str(casts)]) == 0
     assert main(["export", str(casts), "--fps", "20", "--out", str(out)]) == 0

@@ -36,7 +36,7 @@ def test_a_target_may_be_given_in_x_and_y(model_folder, capsys):
     assert "theta = -18.4 deg (x = -0.300 m, y = 0.900 m)" in text
     assert main(arguments) == 2
     assert "--target R THETA or --target-xy X Y" in capsys.readouterr().err
-    assert main([*arguments, "--target-xy", "0", "1", "--target", "1", "0"]) == 2
+    assert main([*arguments, "--target-xy", "0", "1", "--target", "1", "9"]) == 2
     assert "2 targets are given: it takes 1" in capsys.readouterr().err
 
 

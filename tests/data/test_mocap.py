@@ -179,7 +179,7 @@ def test_the_command_imports_a_take(tmp_path, capsys):
     out = ["--out", str(tmp_path / "out")]
     words = ["import", str(take), "--points", str(frame), "--grip", "grip", "ahead", *out]
     assert main(words) == 0
-    assert "1 casts of cable_1" in capsys.readouterr().out
+    assert "1 cast of cable_1 is in" in capsys.readouterr().out
     assert len(read_dataset(tmp_path / "out")) == 1
 
 

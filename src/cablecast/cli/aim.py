@@ -19,6 +19,7 @@ from cablecast.cli.options import (
     WithPolar,
     WithRefit,
     argument,
+    casts_text,
     load_lab,
     open_rig,
     paper_targets,
@@ -161,7 +162,7 @@ class Aim(AimConfig, _Targets):
             known, name = len(session.active_casts()), setup.cable.name
             if known:
                 count = session.fitted_count
-                print(f"{known} casts of {name} are known; the simulator is fitted to {count}")
+                print(f"{casts_text(known, name)} known; the simulator is fitted to {count}")
             else:
                 values = "believed" if session.model.fitted_to is None else "fitted"
                 print(f"no cast of {name} is known yet: the simulator has the {values} values")

@@ -14,6 +14,7 @@ from cablecast.cli.options import (
     TimeLimit,
     WithPsi,
     argument,
+    casts_text,
 )
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class Collect:
         ):
             dataset = collect(rig, **options, psi=self.psi, out=out, progress=progress)
         shares = ", ".join(f"{n} {code}" for code, n in dataset.status_counts.items())
-        print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")
+        print(f"{casts_text(len(dataset), setup.cable.name)} in {out} ({shares})")
         left = dataset.status_counts.get("off_table", 0)
         if self.sampling != "spread" and 2 * left > len(dataset):
             print(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from cablecast.cli.options import CableName, LabFile, argument
+from cablecast.cli.options import CableName, LabFile, argument, casts_text
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -71,4 +71,4 @@ class Export:
         out = self.out or named.with_name(f"{named.name}-lerobot")
         with console_progress() as progress:
             export_dataset(casts, out, fps=self.fps, films=self.films, progress=progress)
-        print(f"{len(casts)} casts of {casts.cable.name} are in {out}")
+        print(f"{casts_text(len(casts), casts.cable.name)} in {out}")

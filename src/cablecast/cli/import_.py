@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from cablecast.cli.options import CableName, LabFile, argument, load_lab
+from cablecast.cli.options import CableName, LabFile, argument, casts_text, load_lab
 from cablecast.cli.streams import say
 from cablecast.runs.places import CASTS_FOLDERS, cable_folder
 
@@ -48,4 +48,4 @@ class Import:
         dataset = import_casts(self.table, setup, out=out, report=say, mocap=mocap)
         counts = dataset.status_counts
         ends = ", ".join(f"{count} {code}" for code, count in counts.items())
-        print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({ends})")
+        print(f"{casts_text(len(dataset), setup.cable.name)} in {out} ({ends})")

@@ -303,6 +303,11 @@ def open_rig(
         yield rig
 
 
+def casts_text(count: int, cable: str) -> str:
+    """Return how many casts of a cable there are, up to the verb."""
+    return f"1 cast of {cable} is" if count == 1 else f"{count} casts of {cable} are"
+
+
 def polar_text(xy: Any) -> str:
     """Return a point on the table in polar and Cartesian coordinates."""
     from cablecast.conventions import xy_to_polar

@@ -15,6 +15,7 @@ from cablecast.cli.options import (
     WithPsi,
     Workers,
     argument,
+    casts_text,
 )
 
 
@@ -64,7 +65,7 @@ class Simulate:
             dataset = simulate(setup, tuned, **options, out=out, progress=progress)
         counts = dataset.status_counts
         shares = ", ".join(f"{100 * n / len(dataset):.1f} % {code}" for code, n in counts.items())
-        print(f"{len(dataset)} casts of {setup.cable.name} are in {out} ({shares})")
+        print(f"{casts_text(len(dataset), setup.cable.name)} in {out} ({shares})")
         fitted = cable_folder(setup.cable.name) / TUNE_FOLDER
         if tuned is None and (fitted / PARAMS_FILE).exists():
             print(

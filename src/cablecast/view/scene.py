@@ -372,8 +372,8 @@ class TargetScene(abc.ABC):
             "/light/lamp", color=(255, 250, 240), intensity=1.6, position=(-1.0, -1.5, 3.0)
         )
         for name in ("/room", "/marks"):
-            pose = {"wxyz": self.surface.quat_wxyz, "position": self.surface.origin}
-            scene.add_frame(name, show_axes=False, **pose)
+            turn, place = self.surface.quat_wxyz, self.surface.origin
+            scene.add_frame(name, show_axes=False, wxyz=turn, position=place)
         scene.add_frame("/base", axes_length=_AXIS, axes_radius=0.006, position=(0.0, 0.0, 0.004))
         self._draw()
 
