@@ -9,7 +9,6 @@ Each laboratory is kept in --out: the same command resumes where it was stopped.
 
 import dataclasses
 import itertools
-import math
 import pathlib
 import time
 from collections.abc import Iterator, Sequence
@@ -176,8 +175,7 @@ def outcomes(found: Sequence[dict[str, Any]]) -> Table:
 def checks(found: Sequence[dict[str, Any]], tries: int) -> Table:
     """Return the share of targets that was hit by what `check` says of them before any cast.
 
-    Next to it is the share that it would state if it knew the other half of the laboratories only,
-    those with even numbers for odd ones.
+    Next to it are the shares in either half of the laboratories, every other one.
     """
     table = []
     played = [lab for lab in found if not lab["refused"]]
@@ -190,12 +188,10 @@ def checks(found: Sequence[dict[str, Any]], tries: int) -> Table:
         ]
         for number in range(tries):
             halves = [[hit[number] for half, hit in own if half == which] for which in (0, 1)]
-            means = [100.0 * float(np.mean(half)) if half else math.nan for half in halves]
-            sizes = [len(half) for half in halves]
-            stated = (sizes[0] * means[1] + sizes[1] * means[0]) / max(sum(sizes), 1)
-            cells = (stated, *share([hit[number] for _, hit in own]))
-            table.append((words, number + 1, len(own), *cells))
-    columns = ("reached by", "tries", "targets", "stated [%]", "hit [%]", "low", "high")
+            means = [100.0 * float(np.mean(half)) if half else None for half in halves]
+            cells = (words, number + 1, len(own), *share([hit[number] for _, hit in own]))
+            table.append((*cells, *means))
+    columns = ("reached by", "tries", "targets", "hit [%]", "low", "high", "one half", "other half")
     return Table("What check says before any cast", columns, table)
 
 
