@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 import cablecast as cc
+from benchmarks.common import REACHED_BY, hit_share
 from benchmarks.places import (
     HIT_PCT,
     METHODS,
@@ -195,15 +195,13 @@ def outlooks(found: Found) -> Table:
                 misses = np.array([row["miss_pct"] for row in own])
                 stated = np.mean([_stated_chances(row, misses.shape[1]) for row in own], axis=0)
                 for number, hit in enumerate(_hits(misses).sum(axis=0).tolist()):
-                    interval = binomtest(hit, len(own)).proportion_ci(0.9, method="wilson")
                     rows.append(
                         (
                             *key,
-                            "calm casts" if calm else "fast casts only",
+                            REACHED_BY["calm" if calm else "wild"],
                             len(own),
                             number + 1,
-                            100.0 * hit / len(own),
-                            *(100.0 * float(share) for share in interval),
+                            *hit_share(hit, len(own)),
                             100.0 * stated[number],
                             _floor(own),
                         )

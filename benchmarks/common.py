@@ -1,4 +1,4 @@
-"""Shared parts of the benchmarks: random casts, landings, errors of a resolution."""
+"""Shared parts of the benchmarks: random casts, landings, errors of a resolution, hits."""
 
 import importlib.util
 from collections.abc import Callable, Sequence
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
 from cablecast.cable import Cable
 from cablecast.engines.base import CableState
@@ -14,6 +15,21 @@ from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
+
+REACHED_BY = {
+    "calm": "calm casts",
+    "edge": "calm casts, at their edge",
+    "wild": "fast casts only",
+}
+"""Words of each outlook of `check`."""
+
+
+def hit_share(hits: int, count: int) -> tuple[float | None, float | None, float | None]:
+    """Return the share of targets that was hit [%] and its 90 % interval; None of no targets."""
+    if not count:
+        return None, None, None
+    interval = binomtest(hits, count).proportion_ci(0.9, method="wilson")
+    return 100.0 * hits / count, 100.0 * float(interval.low), 100.0 * float(interval.high)
 
 
 def has(library: str) -> bool:

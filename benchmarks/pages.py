@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.promises import REACHED_BY
+from benchmarks.common import REACHED_BY
 from benchmarks.result import FOLDER, ROOT, Result, Table, quoted, show
 from cablecast.cable import load_cable
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
@@ -530,16 +530,15 @@ def outlook_values(promises: Result, five_casts: Result) -> dict[str, dict[str, 
         found[name] = {
             "count": rows[0]["targets"],
             "hit": [round(row["hit [%]"] / 100.0, 3) for row in rows],
-            "floor": floors["fast casts only" if name == "wild" else "calm casts"],
+            "floor": floors.get(words, floors[REACHED_BY["calm"]]),
         }
     return found
 
 
 def write_pages() -> int:
     """Write every page, figure and outlook that differs from its results."""
-    if (values := outlook_values(quoted("promises"), quoted("five-casts"))) != read_json(
-        OUTLOOK_FILE
-    ):
+    values = outlook_values(quoted("promises"), quoted("five-casts"))
+    if values != read_json(OUTLOOK_FILE):
         write_json(OUTLOOK_FILE, values)
         print(f"written: {OUTLOOK_FILE.relative_to(ROOT)}")
     for page in PAGES:

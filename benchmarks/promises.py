@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 import cablecast as cc
+from benchmarks.common import REACHED_BY, hit_share
 from benchmarks.labs import describe, drawn_place
+from benchmarks.places import HIT_PCT, MISSED_PCT
 from benchmarks.result import Table, code_key, plain
 from cablecast.aiming.propose import hit_chances
 from cablecast.evaluation.evaluate import median_interval
@@ -32,12 +33,6 @@ LAB_SEED = 500
 """Seed of the virtual laboratory of the first random one."""
 LENGTH_MAX = 1.5
 """Length of the longest cable [m]."""
-REACHED_BY = {
-    "calm": "calm casts",
-    "edge": "calm casts, at their edge",
-    "wild": "fast casts only",
-}
-"""Words of each outlook of `check`."""
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 """Bounds of stated chances that count as one class."""
 
@@ -116,8 +111,8 @@ def aim_at(
         result = cc.aim(session, rig, place, on_proposal=note, progress=cc.ignore)
     except cc.CablecastError as error:
         # The rig failed to make the last of them, and none before it hit.
-        return row | {"stop": str(error), "miss_pct": [100.0] * len(row["stated"])}
-    row["miss_pct"] = [cast.miss_pct if cast.landed else 100.0 for cast in result.casts[0]]
+        return row | {"stop": str(error), "miss_pct": [MISSED_PCT] * len(row["stated"])}
+    row["miss_pct"] = [cast.miss_pct if cast.landed else MISSED_PCT for cast in result.casts[0]]
     stop = result.stops[0]
     if stop is not None:
         row["stop"] = stop.reason.name
@@ -132,18 +127,18 @@ def promises(args: PromisesArgs) -> Iterator[Table]:
     end = time.monotonic() + 60.0 * args.minutes
     parts = Parts(args.out / code_key(__name__) / f"{args.targets}-{args.tries}")
     found: list[dict[str, Any]] = []
-    seed, ran = args.first, 0
-    while ran < args.count and seed < args.first + 20 * args.count:
+    ran = 0
+    for seed in range(args.first, args.first + 20 * args.count):
+        if ran == args.count:
+            break
         lab = parts.get(f"lab-{seed:03d}")
         if lab is None:
             if time.monotonic() > end:
-                seed += 1
                 continue
             lab = plain(play(args, seed))
             parts.put(f"lab-{seed:03d}", lab)
         found.append(lab)
         ran += not lab["refused"]
-        seed += 1
     if ran < args.count:
         print(f"{ran} of {args.count} laboratories are done: the same command goes on")
     rows = [row for lab in found for row in lab["targets"]]
@@ -155,7 +150,7 @@ def promises(args: PromisesArgs) -> Iterator[Table]:
 
 def hits(row: dict[str, Any], tries: int) -> list[bool]:
     """Return whether a target was hit within 1, 2, ... tries; one that was left was not."""
-    hit = [miss <= cc.AimConfig.within_pct for miss in row["miss_pct"]]
+    hit = [miss <= HIT_PCT for miss in row["miss_pct"]]
     return [any(hit[: number + 1]) for number in range(tries)]
 
 
@@ -189,8 +184,8 @@ def checks(found: Sequence[dict[str, Any]], tries: int) -> Table:
         for number in range(tries):
             halves = [[hit[number] for half, hit in own if half == which] for which in (0, 1)]
             means = [100.0 * float(np.mean(half)) if half else None for half in halves]
-            cells = (words, number + 1, len(own), *share([hit[number] for _, hit in own]))
-            table.append((*cells, *means))
+            shares = hit_share(sum(hit[number] for _, hit in own), len(own))
+            table.append((words, number + 1, len(own), *shares, *means))
     columns = ("reached by", "tries", "targets", "hit [%]", "low", "high", "one half", "other half")
     return Table("What check says before any cast", columns, table)
 
@@ -204,7 +199,7 @@ def casts(rows: Sequence[dict[str, Any]]) -> Table:
     table = []
     for name, pairs in groups.items():
         stated = np.array([chance for chances, _ in pairs for chance in chances])
-        hit = np.array([m <= cc.AimConfig.within_pct for _, misses in pairs for m in misses])
+        hit = np.array([m <= HIT_PCT for _, misses in pairs for m in misses])
         table += classes(name, stated, hit)
     for number in (2, 4):
         own = [row for row in rows if len(row["within"]) >= number]
@@ -224,7 +219,8 @@ def classes(name: str, stated: NDArray[np.float64], hit: NDArray[np.bool_]) -> l
         if own.any():
             words = "any" if (low, high) == (0.0, 1.0) else f"{100 * low:.0f} to {100 * high:.0f}"
             mean = 100.0 * float(stated[own].mean())
-            rows.append((name, words, int(own.sum()), mean, *share(hit[own].tolist())))
+            count = int(own.sum())
+            rows.append((name, words, count, mean, *hit_share(int(hit[own].sum()), count)))
     return rows
 
 
@@ -232,18 +228,9 @@ def misses(rows: Sequence[dict[str, Any]], tries: int) -> Table:
     """Return the misses after each try; a target that was hit or left keeps its last miss."""
     table = []
     own = [row["miss_pct"] for row in rows if row["miss_pct"]]
-    for number in range(tries):
+    shares = 100.0 * np.mean([hits(row, tries) for row in rows], axis=0)
+    for number, hit in enumerate(shares.tolist()):
         values = np.array([misses[min(number, len(misses) - 1)] for misses in own])
-        hit = [hits(row, tries)[number] for row in rows]
-        shown = (number + 1, len(values), *median_interval(values))
-        table.append((*shown, 100.0 * float(np.mean(hit))))
+        table.append((number + 1, len(values), *median_interval(values), hit))
     columns = ("tries", "targets", "median", "low", "high", "hit of all targets [%]")
     return Table("Miss after each try [% of cable length]", columns, table)
-
-
-def share(hit: Sequence[bool]) -> tuple[float | None, float | None, float | None]:
-    """Return a share [%] and its 90 % interval."""
-    if not len(hit):
-        return None, None, None
-    interval = binomtest(sum(hit), len(hit)).proportion_ci(0.9, "wilson")
-    return 100.0 * sum(hit) / len(hit), 100.0 * interval.low, 100.0 * interval.high
