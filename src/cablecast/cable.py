@@ -132,6 +132,15 @@ PARAMS: dict[str, ParamInfo] = {
     "attachment_arm": ParamInfo(
         unit="m", bounds=(0.0, 0.3), default=0.0, factor=3.0, deviation=1.5
     ),
+    # Rubber pads turn by some degrees under the weight of a heavy cable, steel ones do not.
+    "grip_compliance": ParamInfo(
+        unit="rad/(N·m)",
+        bounds=(0.0, 1000.0),
+        default=0.0,
+        search=(0.03, 30.0),
+        usual=1.0,
+        deviation=4.0,
+    ),
     "yield_time": ParamInfo(unit="s", bounds=(0.0, 100.0), default=0.0),
     "attachment_friction_ratio": ParamInfo(unit="", bounds=(0.1, 10.0), default=1.0),
     "drag_ratio": ParamInfo(unit="", bounds=(0.0, 2.0), default=0.0),
@@ -181,6 +190,8 @@ class CableParams:
         attachment_arm: Two thirds of the length of an attachment that the cable's end clamps, a
             uniform rod that goes on as the cable ends; a point mass at the cable's end where 0. A
             rod moves like a quarter of its mass there and the rest an arm beyond [m].
+        grip_compliance: Angle by which the cable turns in the gripper's pads over the bending
+            moment there; 0 for a gripper that clamps it [rad/(N·m)].
         yield_time: Time in which all but 1 / e of the curvature beyond goes over into the cable's
             shape; 0 for at once [s].
         attachment_friction_ratio: Coulomb coefficient of the attachment over that of the cable [-].
@@ -204,6 +215,7 @@ class CableParams:
     friction_ratio: float | NDArray[np.float64] = 1.0
     yield_curvature: float | NDArray[np.float64] = 0.0
     attachment_arm: float | NDArray[np.float64] = 0.0
+    grip_compliance: float | NDArray[np.float64] = 0.0
     yield_time: float | NDArray[np.float64] = 0.0
     attachment_friction_ratio: float | NDArray[np.float64] = 1.0
     drag_ratio: float | NDArray[np.float64] = 0.0

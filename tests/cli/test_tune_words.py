@@ -19,6 +19,7 @@ def test_what_was_found_beside_the_ten_parameters_is_said_with_units():
     assert words == f"{HAS}bends that stay if they are sharper than 20 1/m"
     words = words_of(friction_ratio=1.0512)
     assert words == f"{HAS}friction along it 1.05 times that across"
+    assert words_of(grip_compliance=1.25) == f"{HAS}a grip that gives by 1.2 rad/(N·m)"
 
 
 def test_what_was_not_found_is_not_said():

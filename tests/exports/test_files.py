@@ -74,6 +74,22 @@ def test_a_file_says_what_its_simulator_leaves_out():
     assert re.search("left out: drag_coefficient, yield_curvature, spinning_friction", elastica)
 
 
+def test_the_pads_of_the_gripper_soften_the_first_joint():
+    cable = load_cable("cable_1").with_params(grip_compliance=20.0, yield_curvature=30.0)
+    soft, stiff = (CableModel(cable=c, segment_count=10) for c in (cable, load_cable("cable_1")))
+    cells = [0.5 * soft.segment_length, *[soft.segment_length] * 9]
+    bend, whole = soft.bend_springs(cells), stiff.bend_springs(cells)
+    assert 1.0 / bend[0] == pytest.approx(1.0 / whole[0] + 20.0)
+    assert bend[1:] == whole[1:]
+    assert f'stiffness="{bend[0]:.6g}"' in texts(soft)[0]
+    # The moment at which the cable yields is the same.
+    limit = soft.value("bend_stiffness") * 30.0
+    for name, value in (("bend", bend[0]), ("yield_angle", limit / bend[0])):
+        first = re.search(f"'{name}': \\[([^,]+),", pybullet_.springs(soft))
+        assert first is not None
+        assert float(first[1]) == pytest.approx(value, rel=1e-3)
+
+
 def test_scripts_stand_alone():
     model = CableModel(cable=load_cable("cable_3"), segment_count=10)
     for text in (pybullet_.springs(model), rods.newton(model), rods.elastica(model)):

@@ -8,7 +8,7 @@ import abc
 import dataclasses
 import enum
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -190,6 +190,9 @@ class Arm(abc.ABC):
             saved only if this is true.
         limits: Joint limits.
     """
+
+    solves_exactly: ClassVar[bool] = False
+    """Whether a formula gives the joints of a pose: a search for them takes far longer."""
 
     model: str
     base_height: float = 0.0

@@ -161,6 +161,8 @@ class ArmUR(Arm):
         limits: Joint limits; those of `ur_limits` by default.
     """
 
+    solves_exactly = True
+
     model: str = "ur5"
     base_height: float = 0.183
 

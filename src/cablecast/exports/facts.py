@@ -2,7 +2,7 @@
 
 import dataclasses
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from statistics import NormalDist
 
 import numpy as np
@@ -32,6 +32,7 @@ LAWS: dict[str, str] = {
     "friction_ratio": "Coulomb coefficient along the cable over that across it",
     "yield_curvature": "elastic curvature beyond this goes over into the cable's shape",
     "attachment_arm": "2/3 of the attachment's length: a uniform rod, clamped by the cable's end",
+    "grip_compliance": "angle by which the gripper's pads give, over the bending moment there",
     "yield_time": "within this time, all but 1/e of it",
     "attachment_friction_ratio": "Coulomb coefficient of the attachment over that of the cable",
     "drag_ratio": "drag along the cable over that across it at the same speed",
@@ -71,6 +72,15 @@ class CableModel:
     def value(self, name: str) -> float:
         """Return a parameter."""
         return float(np.asarray(getattr(self.cable.params, name)))
+
+    def bend_springs(self, cells: Sequence[float]) -> list[float]:
+        """Return the bending stiffness of the joints at which lengths of cable bend [N·m/rad].
+
+        The first joint is at the gripper, whose pads turn, too.
+        """
+        bend = self.value("bend_stiffness")
+        pads = 1.0 + self.value("grip_compliance") * bend / cells[0]
+        return [bend / cells[0] / pads, *(bend / cell for cell in cells[1:])]
 
     @property
     def friction(self) -> float:

@@ -114,17 +114,17 @@ def springs(model: CableModel) -> str:
     friction = [model.friction] * model.segment_count
     if model.attachment_length:
         friction.append(model.friction * value("attachment_friction_ratio"))
-    yields = value("yield_curvature")
+    bend, limit = model.bend_springs(cells), value("bend_stiffness") * value("yield_curvature")
     values: dict[str, Any] = {
         "urdf": f"{model.cable.name}.urdf",
         "dt": step(model),
         "gravity": GRAVITY,
         "segment_count": model.segment_count,
         "segment_length": model.segment_length,
-        "bend": [value("bend_stiffness") / cell for cell in cells],
+        "bend": bend,
         "twist": [value("twist_stiffness") / cell for cell in cells],
         "rest": [value("rest_curvature") * cell for cell in cells],
-        "yield_angle": [yields * cell for cell in cells] if yields else [],
+        "yield_angle": [limit / spring for spring in bend] if limit else [],
         "friction": friction,
     }
     names = ("damping_time", "linear_damping", "angular_damping", "friction_ratio", "yield_time")

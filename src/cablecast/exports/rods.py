@@ -72,7 +72,8 @@ def _values(model: CableModel) -> dict[str, Any]:
 
 def _dropped(model: CableModel, more: tuple[str, ...]) -> list[str]:
     """Return a sentence about the parameters that the model leaves out, if it has any."""
-    names = ("drag_coefficient", "drag_ratio", "yield_curvature", "attachment_arm", *more)
+    names = ("drag_coefficient", "drag_ratio", "yield_curvature", "grip_compliance")
+    names += ("attachment_arm", *more)
     nothing = {"friction_ratio": 1.0}
     left_out = [name for name in names if model.value(name) != nothing.get(name, 0.0)]
     if "attachment_arm" in left_out:

@@ -20,7 +20,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cablecast.arm.ur import ArmUR
 from cablecast.cable import Cable
 from cablecast.conventions import GRAVITY, Array, polar_to_xy, xy_to_polar
 from cablecast.errors import (
@@ -192,7 +191,7 @@ class PolarCastConfig:
         there are none, those for its reach; so, too, of an arm whose joints are searched for, as
         each height would take it seconds.
         """
-        if not isinstance(setup.arm, ArmUR):
+        if not setup.arm.solves_exactly:
             return cls.of_reach(setup.workspace)
         return _followed(setup, casts)
 
@@ -673,23 +672,20 @@ def _followed(setup: Setup, for_casts: bool) -> PolarCastConfig:
     config, pose = PolarCastConfig.of_reach(setup.workspace), reset_pose(setup.workspace)
     y = setup.workspace.support_depth
 
-    def follows(path: Callable[[], GripPath]) -> bool:
+    def follows(path_of: Callable[..., GripPath], *arguments: object) -> bool:
         with contextlib.suppress(CablecastError):
-            return bool(check_grip_paths(path(), setup).mask.all())
+            return bool(check_grip_paths(path_of(*arguments), setup).mask.all())
         return False
 
     def resets(settings: PolarCastConfig) -> bool:
-        return any(
-            follows(lambda: reset_path(pose, setup, settings.slowed(times)))  # noqa: B023
-            for times in _SLOWDOWNS
-        )
+        return any(follows(reset_path, pose, setup, settings.slowed(t)) for t in _SLOWDOWNS)
 
     def casts(settings: PolarCastConfig) -> bool:
-        return follows(lambda: _cast_path(PolarCast(0.0, 0.0, y, _PACE), setup, settings))
+        return follows(_cast_path, PolarCast(0.0, 0.0, y, _PACE), setup, settings)
 
-    if resets(config) and (not for_casts or casts(config)):
-        return config
     found = config if resets(config) else None
+    if found and (not for_casts or casts(config)):
+        return config
     for place in _PLACES:
         moved = config.moved(*place)
         if not casts(moved.paced(_VERY_SLOW, _VERY_SLOW)):

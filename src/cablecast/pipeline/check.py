@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cablecast.aiming.polar import LAID_OUT, SWING_PACES
-from cablecast.arm.ur import ArmUR
 from cablecast.conventions import Array, mirror_xy, polar_to_xy, stream, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
@@ -391,7 +390,7 @@ def _swings(setup: Setup, dynamics: Dynamics) -> tuple[float, bool]:
     The first is its distance from straight ahead [m], infinite where the arm cannot follow. An arm
     whose joints are searched for would take minutes, and is given the benefit of the doubt.
     """
-    if not isinstance(setup.arm, ArmUR):
+    if not setup.arm.solves_exactly:
         return 0.0, True
     workspace, length = setup.workspace, setup.cable.length
     paths, ends = [], []

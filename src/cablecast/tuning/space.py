@@ -11,7 +11,7 @@ A real cable loses energy where it bends instead (`damping_time`), and one that 
 keeps a curl (`rest_curvature`), which makes casts to the left and to the right differ. A sharp bend
 that lasts stays in it (`yield_curvature`). The air drags on it, it may rub differently along and
 across itself, and its attachment acts as a body that may be longer or shorter than it is
-(`attachment_arm`).
+(`attachment_arm`), and the gripper's pads give (`grip_compliance`).
 """
 
 import dataclasses

@@ -115,13 +115,12 @@ class Batch:
         gravity: float,
         edges: Workspace | None,
         far_is_held: bool,
-        grip_cells: float,
+        hinged: bool,
     ):
         """Pack the constants: step [s] and acceleration of free fall [m/s²] among them."""
         model = self.build.Model()
         model.node_count = self.node_count
         model.far_is_held = int(far_is_held)
-        model.grip_cells = grip_cells
         model.dt = dt
         model.endpoint = self.cable_segment_count
         model.joint_cells = 1.0 if self.end is None else JOINT_CELLS
@@ -130,7 +129,7 @@ class Batch:
         model.y_min = -_ENDLESS if edges is None else edges.y_min
         model.y_max = _ENDLESS if edges is None else edges.y_max
         constants = model_constants(
-            cables, self.cable_segment_count, dt, far_is_held, self.end, grip_cells
+            cables, self.cable_segment_count, dt, far_is_held, self.end, hinged
         )
         length = constants["segment_length"].astype(self.layout.real)
         constants |= {"inverse_length": 1 / length, "inverse_square": 1 / (length * length)}

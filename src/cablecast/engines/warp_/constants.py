@@ -17,6 +17,7 @@ bends there, along half a cell, so that the joint is twice as stiff as a node wi
 """
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,13 +181,25 @@ MOST_VISCOSITY = 0.25
 more would let short segments ring. The default resolution stays far below it."""
 
 
+def clamp_cells(
+    values: Mapping[str, NDArray[np.float64]], segment_length: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the bending stiffness at a gripper over that of a whole cell [-], shape [world].
+
+    Half a cell of cable and the pads of the gripper turn one after the other: l / (2 EI) and the
+    compliance add up.
+    """
+    pads = values["grip_compliance"] * values["bend_stiffness"] / segment_length
+    return CLAMP_CELLS / (1.0 + CLAMP_CELLS * pads)
+
+
 def model_constants(
     cables: CableRows,
     segment_count: int,
     dt: float,
     far_is_held: bool,
     end: EndSegment | None = None,
-    grip_cells: float = CLAMP_CELLS,
+    hinged: bool = False,
 ) -> dict[str, NDArray[np.float64]]:
     """Return the lane values of `Model` (world.py) by attribute, with units as there.
 
@@ -216,9 +229,10 @@ def model_constants(
     if far_is_held:
         mass[:, -1] = np.inf
     bending = values["bend_stiffness"] / segment_length**3
+    grip_cells = np.zeros(world_count) if hinged else clamp_cells(values, segment_length)
     joint = None if end is None else (last_ratio, JOINT_CELLS)
     diagonal, lower1, lower2 = filter_factors(bending, mass, dt, joint, grip_cells)
-    yielding, *dashpots = dashpot_factors(bending, damping_time, mass, dt, joint)
+    yielding, *dashpots = dashpot_factors(bending, damping_time, mass, dt, grip_cells, joint)
     torsion = values["twist_stiffness"] / segment_length
     sharp_torsion = SHARP_TORSION * segment_mass * segment_length**2 / dt**2
     # Segments and endpoint are solid cylinders of the cable's radius.
@@ -264,6 +278,7 @@ def model_constants(
         "inverse_mass": 1.0 / mass,
         "segment_mass": segment_mass,
         "bending": bending,
+        "grip_cells": grip_cells,
         "torsion": torsion,
         "torsion_time": torsion_time,
         "twist_damping_time": damping_time,

@@ -68,7 +68,7 @@ def filter_factors(
     mass: NDArray[np.float64],
     dt: float,
     joint: tuple[NDArray[np.float64], float] | None = None,
-    grip_cells: float = 2.0,
+    grip_cells: NDArray[np.float64] | float = 2.0,
 ) -> tuple[NDArray[np.float64], ...]:
     """Factor M + dt^2 K / 12 = L D L^T, with K the stiffness matrix of a nearly straight rod.
 
@@ -78,7 +78,7 @@ def filter_factors(
         dt: Step [s].
         joint: Length of the other segments over that of the last one, an attachment's, shape
             [world], and stiffness of its joint over that of a whole cell; None without one.
-        grip_cells: Stiffness at a gripper over that of a whole cell.
+        grip_cells: Stiffness at a gripper over that of a whole cell [-], shape [world].
 
     Returns:
         1 / D [1/kg], shape [world, node], and the first and second lower diagonals of L [-], with
@@ -529,7 +529,9 @@ def curvature_functions(precision: str, lane_count: int, damped: bool) -> Simple
         """
         bend = after.edge - before.edge
         sine_squared = mul(dot(bend, bend), model.inverse_square[group] * real(0.25))
-        scratch.bending_moment[group, node] = scale(model.bending[group] * model.grip_cells, bend)
+        scratch.bending_moment[group, node] = scale(
+            mul(model.bending[group], model.grip_cells[group]), bend
+        )
         torque = node_torque(
             model, state, scratch, group, node, before, after, sine_squared, previous_dt
         )

@@ -65,11 +65,11 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
         squared_length = mul(length, length)
         quarter = model.inverse_square[group] * real(0.25)
         one = lane(real(1.0))
-        # Half a cell at a gripper: linear in the angle, and twice as stiff.
+        # A gripper's cell is linear in the angle.
         x = position[1]
         edge = x - position[0]
         bend = edge - scale(length, path.next_direction[group])
-        bent = mul(dot(bend, bend), quarter * (real(2.0) * model.grip_cells))
+        bent = mul(dot(bend, bend), mul(quarter, model.grip_cells[group]) * real(2.0))
         twisted = mul(twists[0], twists[0]) * real(2.0)
         rolling = mul(mul(spins[0], spins[0]), one + mass_ratios[1])
         mass = node_mass(inverse_mass[1])
@@ -98,7 +98,7 @@ def energy_functions(precision: str, lane_count: int, remembers: bool) -> Simple
             node += 1
         if model.far_is_held == 1:
             bend = scale(length, far_path.next_direction[group]) - edge
-            bent += mul(dot(bend, bend), quarter * (real(2.0) * model.grip_cells))
+            bent += mul(dot(bend, bend), mul(quarter, model.grip_cells[group]) * real(2.0))
             twisted += mul(twists[last], twists[last]) * real(2.0)
         moving = (kinetic + mul(model.torsion[group], twisted)) * real(0.5)
         moving += mul(mul(model.bending[group], bent), squared_length)

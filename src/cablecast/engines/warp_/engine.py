@@ -21,7 +21,6 @@ from cablecast.engines.base import (
 )
 from cablecast.engines.warp_.batch import Batch, Layout
 from cablecast.engines.warp_.constants import (
-    CLAMP_CELLS,
     EndSegment,
     fastest_at_end,
     fastest_wave,
@@ -265,7 +264,7 @@ class EngineWarp:
                 self.gravity,
                 edges,
                 far_is_held=far_path is not None,
-                grip_cells=0.0 if self.hinged else CLAMP_CELLS,
+                hinged=self.hinged,
             ),
             batch.path(grip_path),
             batch.path(far_path if far_path is not None else _NO_PATH),

@@ -19,7 +19,8 @@ under a force depends on no spring. A step takes the dashpots by backward Euler:
 diagonals that is factored once.
 
 Where the elastic bend b - rest is greater than that of the yield curvature, rest follows it by the
-excess over the yield time, as in Bingham's solid: a sharp bend that lasts stays in the cable.
+excess over the yield time, as in Bingham's solid: a sharp bend that lasts stays in the cable. Pads
+of a gripper that give are a spring in series with the cable there, and damp as it does.
 
 What is remembered is carried by the tangent without turning, and turned by the spin about it. So
 the moment of a memory has a part that turns segments about their axis: a bent cable that rolls is
@@ -57,6 +58,7 @@ def dashpot_factors(
     damping_time: NDArray[np.float64],
     mass: NDArray[np.float64],
     dt: float,
+    grip_cells: NDArray[np.float64] | float = 2.0,
     joint: tuple[NDArray[np.float64], float] | None = None,
 ) -> tuple[NDArray[np.float64], ...]:
     """Factor the matrix of the dashpots (see above).
@@ -66,6 +68,7 @@ def dashpot_factors(
         damping_time: Time by which moments lead the bend [s], shape [world].
         mass: Node masses [kg], infinite where held, shape [world, node].
         dt: Step [s].
+        grip_cells: As of `filter_factors`.
         joint: As of `filter_factors`.
 
     Returns:
@@ -74,15 +77,15 @@ def dashpot_factors(
     """
     # Nothing that does not damp is stiff.
     yielding = dt / np.maximum(damping_time * bending, 1e-20)
-    cells = np.ones(mass.shape[1])
+    cells = np.ones_like(mass)
     before, middle, after = (np.full_like(mass, value) for value in (1.0, -2.0, 1.0))
-    cells[0] = 2.0
+    # A hinge holds no cable with a dashpot.
+    cells[:, 0] = cells[:, -1] = np.where(np.asarray(grip_cells) > 0.0, grip_cells, 1.0)
     before[:, 0] = 0.0
     before[:, -1] = np.where(np.isfinite(mass[:, -1]), 0.0, 1.0)
     middle[:, -1] = after[:, -1] = 0.0
-    cells[-1] = 2.0
     if joint is not None:
-        ratio, cells[-2] = joint
+        ratio, cells[:, -2] = joint
         middle[:, -2], after[:, -2] = -(1.0 + ratio), ratio
     inverse = SPRING * dt**2 / mass
     left, right = np.roll(inverse, 1, axis=1), np.roll(inverse, -1, axis=1)
@@ -176,7 +179,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         node: int,
         before: Segment,
         after: Segment,
-        cells: real,
+        cells: lane,
         previous_dt: lane,
     ):
         """Bring the memories of a node up to now; return its strain before the dashpot yields [m].
@@ -185,7 +188,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             state: Memories; that of the rest bend is updated.
             before: Segment before the node.
             after: Segment after the node.
-            cells: 1, and 2 at a gripper, where half a cell lies.
+            cells: Stiffness of the node over that of a whole cell [-].
         """
         one = lane(real(1.0))
         half = previous_dt * real(0.5)
@@ -205,7 +208,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         rest = rest + turn(rest, half_turn, damp)
         elastic = bend - rest
         size = f.root(dot(elastic, elastic) + squared_length * real(tiny))
-        excess = f.larger(size - model.yield_bend[group] * (real(1.0) / cells), lane())
+        excess = f.larger(size - f.div(model.yield_bend[group], cells), lane())
         yielded = mul(model.yield_share[group], previous_dt) * (real(1.0) / model.dt)
         state.rest_bend[group, node] = rest + scale(mul(yielded, f.div(excess, size)), elastic)
         # From rates, which rounding leaves exact: what the bend gained beside its turn.
@@ -237,7 +240,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         before = segments.gripper_segment(model, path, group)
         right1 = vec3()
         right2 = vec3()
-        cells = real(2.0)
+        cells = model.grip_cells[group]
         node = int(0)
         while node < last - 1:
             after = read_segment(state, group, node)
@@ -248,18 +251,20 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             right2 = right1
             right1 = right
             before = after
-            cells = real(1.0)
+            cells = lane(real(1.0))
             node += 1
         after = segments.last_segment(model, state, group)
         strain = strain_node(
-            model, state, group, node, before, after, model.joint_cells, previous_dt
+            model, state, group, node, before, after, lane(model.joint_cells), previous_dt
         )
         strains[node] = strain
         right = strain - scale(lower1[node], right1) - scale(lower2[node], right2)
         right_sides[node] = right
         if model.far_is_held == 1:
             gripper = segments.gripper_segment(model, far_path, group)
-            strain = strain_node(model, state, group, last, after, gripper, real(2.0), previous_dt)
+            strain = strain_node(
+                model, state, group, last, after, gripper, model.grip_cells[group], previous_dt
+            )
             strains[last] = strain
             right_sides[last] = strain - scale(lower1[last], right) - scale(lower2[last], right1)
 
@@ -272,7 +277,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         node: int,
         before: Segment,
         after: Segment,
-        cells: real,
+        cells: lane,
         moment: vec3,
     ):
         """Store the moment of a node's memories; return their torque, and how it holds the roll.
@@ -282,7 +287,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             scratch: Receives the moment.
             before: Segment before the node.
             after: Segment after the node.
-            cells: 1, and 2 at a gripper, where half a cell lies.
+            cells: Stiffness of the node over that of a whole cell [-].
             moment: Moment f of the dashpot over the segment length [N].
 
         Returns:
@@ -296,9 +301,9 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         along = scale(
             f.root(f.div(one, dot(middle, middle) + squared_length * real(folded))), middle
         )
-        stiffness = model.bending[group] * cells
+        stiffness = mul(model.bending[group], cells)
         remembered = scale(stiffness, state.rest_bend[group][node]) - moment
-        yielded = scale(model.dashpot_yielding[group] * (real(1.0) / cells), moment)
+        yielded = scale(f.div(model.dashpot_yielding[group], cells), moment)
         state.strain[group, node] = state.strain[group][node] - yielded
         scratch.memory_moment[group, node] = -remembered
         torque = dot(along, cross(remembered, bend)) * real(0.5)
@@ -341,9 +346,17 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             gripper = segments.gripper_segment(model, far_path, group)
             moment1 = scale(diagonal[last], dashpots[last])
             roll_after = remember_node(
-                model, state, scratch, group, last, after, gripper, real(2.0), moment1
+                model,
+                state,
+                scratch,
+                group,
+                last,
+                after,
+                gripper,
+                model.grip_cells[group],
+                moment1,
             )
-        cells = model.joint_cells
+        cells = lane(model.joint_cells)
         node = int(last - 1)
         while node > 0:
             before = read_segment(state, group, node - 1)
@@ -359,13 +372,14 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
             after = before
             moment2 = moment1
             moment1 = moment
-            cells = real(1.0)
+            cells = lane(real(1.0))
             node -= 1
         gripper = segments.gripper_segment(model, path, group)
         moment = (
             scale(diagonal[0], dashpots[0]) - scale(lower2[2], moment2) - scale(lower1[1], moment1)
         )
-        roll = remember_node(model, state, scratch, group, 0, gripper, after, real(2.0), moment)
+        cells = model.grip_cells[group]
+        roll = remember_node(model, state, scratch, group, 0, gripper, after, cells, moment)
         torques[0] = roll[0] + roll_after[0]
         inertias[0] = roll[1] + roll_after[1]
 
@@ -387,11 +401,12 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         position = state.position[group]
         edge = scale(model.segment_length[group], path.next_direction[group])
         energy = lane()
+        cells = model.grip_cells[group]
         node = int(0)
         while node < last - 1:
             edge_after = position[node + 1] - position[node]
-            cells = real(wp.max(2 - node, 1))
-            energy += node_energy(model, state, group, node, edge_after - edge) * cells
+            energy += mul(node_energy(model, state, group, node, edge_after - edge), cells)
+            cells = lane(real(1.0))
             edge = edge_after
             node += 1
         edge_after = scale(model.last_ratio[group], position[last] - position[last - 1])
@@ -400,7 +415,7 @@ def material_functions(precision: str, lane_count: int, remembers: bool) -> Simp
         edge = edge_after
         if model.far_is_held == 1:
             bend = scale(model.segment_length[group], far_path.next_direction[group]) - edge
-            energy += node_energy(model, state, group, last, bend) * real(2.0)
+            energy += mul(node_energy(model, state, group, last, bend), model.grip_cells[group])
         return mul(model.bending[group], energy)
 
     @wp.func

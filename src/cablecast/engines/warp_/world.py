@@ -32,8 +32,6 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             endpoint: Index of the cable's end: the last node, or that before an attachment's.
             joint_cells: Stiffness of the node before the last over that of a whole cell [-]: 2
                 where it clamps an attachment, else 1.
-            grip_cells: Stiffness at a gripper over that of a whole cell [-]: 2 where it clamps the
-                cable, 0 where it is a hinge.
             far_is_held: 1 where a second gripper holds the far end, else 0.
             dt: Step [s].
             gravity: Acceleration of free fall [m/s²].
@@ -49,6 +47,8 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
             inverse_mass: Inverse mass of each node [1/kg], 0 where held, shape [group, node].
             segment_mass: Mass of a segment [kg], shape [group].
             bending: EI / l^3 [N/m], shape [group].
+            grip_cells: Stiffness at a gripper over that of a whole cell [-]: 2 where it clamps the
+                cable, less where its pads give, 0 where it is a hinge, shape [group].
             torsion: GJ / l [N·m], shape [group].
             torsion_time: Implicit share of dt, and the time by which twist is damped [s],
                 shape [group].
@@ -101,7 +101,6 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         node_count: int
         endpoint: int
         joint_cells: real
-        grip_cells: real
         far_is_held: int
         dt: real
         gravity: real
@@ -117,6 +116,7 @@ def world_structs(precision: str, lane_count: int) -> SimpleNamespace:
         inverse_mass: wp.array2d(dtype=lane)
         segment_mass: wp.array(dtype=lane)
         bending: wp.array(dtype=lane)
+        grip_cells: wp.array(dtype=lane)
         torsion: wp.array(dtype=lane)
         torsion_time: wp.array(dtype=lane)
         twist_damping_time: wp.array(dtype=lane)

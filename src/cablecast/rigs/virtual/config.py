@@ -16,7 +16,7 @@ from cablecast.errors import InputError, check_count, check_number, check_ranges
 from cablecast.rigs.virtual._hidden import EFFECTS
 from cablecast.workspace import Workspace
 
-LABORATORY_VERSION = 6
+LABORATORY_VERSION = 7
 """Version of the laboratory; results of two versions are not compared."""
 SENSING_NAMES = ("exact", "error_model", "camera")
 """Ways of seeing the cable: exactly as it is, with the measured errors of the camera, or with that

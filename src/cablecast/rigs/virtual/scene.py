@@ -228,7 +228,10 @@ def build_scene(
     model = MjModel.from_xml_string(xml)
     # The table stays level in its own frame; what comes from the side is its slope.
     model.opt.gravity[:2] = [-GRAVITY * slope for slope in tilt]
-    _soften(model, truth, field[0])
+    pads = _soften(model, truth, field[0])
+    stiffness = field[0][: len(arc) - 2].copy()
+    # What the cable remembers bends it at the grip through the same pads.
+    stiffness[0] *= pads
     loop = has_tip and not magnet and truth.play > 0.0
     return Scene(
         model=model,
@@ -239,7 +242,7 @@ def build_scene(
         extra_count=1 if magnet else 2 if loop else 0,
         hand_origin=hand_origin,
         vertex_origin=positions[2:],
-        stiffness=field[0][: len(arc) - 2],
+        stiffness=stiffness,
     )
 
 
@@ -256,19 +259,23 @@ def _fields(truth: HiddenCable, arc: Array) -> tuple[Array, Array]:
     return fields[0], fields[1]
 
 
-def _soften(model: Any, truth: HiddenCable, stiffness: Array) -> None:
-    """Let the cable be stiffer here than there, kinked at a place, and held by pads that give.
+def _soften(model: Any, truth: HiddenCable, stiffness: Array) -> float:
+    """Let the cable be stiffer here than there, and held by pads that give.
 
     MuJoCo keeps ten numbers for each bent vertex: at 4 the bending stiffness over the length that
     belongs to it, at 8 that of twist. The stiffness is a factor for each edge, shape [edge].
+    Returns the share of the stiffness at the grip that the pads leave.
     """
     rows = model.flex_bending[1:].reshape(-1, 10)
     if truth.stiffness_field:
         # The first vertex ends the gripped edge, the last may be the attachment's.
         rows[:, [4, 8]] *= stiffness[np.minimum(np.arange(len(rows)), len(stiffness) - 1), None]
-    if truth.pad_stiffness:
-        # Two springs in series.
-        rows[0, 4] *= truth.pad_stiffness / (truth.pad_stiffness + rows[0, 4])
+    if not truth.pad_stiffness:
+        return 1.0
+    # Two springs in series.
+    left = truth.pad_stiffness / (truth.pad_stiffness + float(rows[0, 4]))
+    rows[0, 4] *= left
+    return left
 
 
 def _mjcf(
