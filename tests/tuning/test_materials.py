@@ -100,6 +100,16 @@ def test_the_arm_of_an_attachment_is_found(cable, truth, good):
     assert miss(result) < 0.8 * miss(fit(cable, body, PLAIN))
 
 
+def test_pads_of_a_gripper_that_give_are_found(cable, truth, good):
+    # As stiff as a rod: a soft rope bends at its first segments far more than pads turn.
+    stiff, compliance = cable.with_params(bend_stiffness=0.01), 10.0
+    true = dataclasses.replace(truth, bend_stiffness=0.01)
+    soft = tracks_of(stiff, true, good, grip_compliance=compliance)
+    result = fit(stiff, soft, finding("grip_compliance"))
+    assert 0.5 * compliance < result.params.grip_compliance < 2.0 * compliance
+    assert miss(result) < 0.8 * miss(fit(stiff, soft, PLAIN))
+
+
 def test_casts_of_a_cable_that_springs_back_take_no_yield(cable, tracks):
     result = fit(cable, tracks, finding("yield_curvature"))
     assert not result.params.has_material or result.params.yield_curvature > 40.0
