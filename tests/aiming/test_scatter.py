@@ -46,8 +46,9 @@ def test_the_chance_of_a_hit_grows_with_the_tries_as_corrections_leave_less_vari
     one, two, three = hit_chances(expected(0.05, 0.0), GOAL, "sweep", 3)
     first, second, third = (hit_chance(0.05 * LEFT ** (0.5 * number)) for number in range(3))
     assert one == pytest.approx(first, abs=POINTS)
-    assert two == pytest.approx(1.0 - (1.0 - first) * (1.0 - second), abs=POINTS)
-    left = (1.0 - first) * (1.0 - second) * (1.0 - STAYS * third)
+    left = (1.0 - first) * (1.0 - STAYS[0] * second)
+    assert two == pytest.approx(1.0 - left, abs=POINTS)
+    left *= 1.0 - STAYS[1] * third
     assert three == pytest.approx(1.0 - left, abs=POINTS)
     polar = hit_chances(expected(0.05, 0.0), GOAL, "polar", 2)
     assert polar[0] == one
@@ -57,4 +58,5 @@ def test_the_chance_of_a_hit_grows_with_the_tries_as_corrections_leave_less_vari
 def test_no_correction_takes_the_scatter_of_equal_casts():
     chances = hit_chances(expected(0.04, 0.04), GOAL, "sweep", 2)
     again = hit_chance(0.04 * np.sqrt(2.0))
-    assert chances[1] == pytest.approx(1.0 - (1.0 - chances[0]) * (1.0 - again), abs=POINTS)
+    left = (1.0 - chances[0]) * (1.0 - STAYS[0] * again)
+    assert chances[1] == pytest.approx(1.0 - left, abs=POINTS)
