@@ -23,6 +23,7 @@ from cablecast.cable import CABLE_NAMES, FITTED_MATERIAL, Cable, CableParams, lo
 from cablecast.conventions import GRAVITY, tangent
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
+from cablecast.engines.warp_.constants import clamp_cells
 from cablecast.engines.warp_.engine import DEFAULT_DT, DEFAULT_SEGMENT_COUNT
 from cablecast.motion.grip_path import GripPath
 from cablecast.setup import Setup
@@ -118,8 +119,9 @@ def energies(
     angle = 2.0 * np.arcsin(np.clip(bend, 0.0, 1.0))
     last = paths.evaluate(paths.duration[:, None])[:, 0]
     clamp = tangent(last[:, 3], last[:, 4])
-    # Half a cell at the grip.
-    bent = 0.5 * (angle**2).sum(axis=2) + ((edges[:, :, 0] - clamp[:, None]) ** 2).sum(axis=2)
+    held = ((edges[:, :, 0] - clamp[:, None]) ** 2).sum(axis=2)
+    bent = 0.5 * (angle**2).sum(axis=2)
+    bent += 0.5 * clamp_cells(values, np.full(len(mass), length))[:, None] * held
     potential = GRAVITY * np.einsum("wn,wtn->wt", mass, nodes[..., 2])
     potential += values["bend_stiffness"][:, None] / length * bent
     return kinetic, 0.5 * (potential[:, 1:] + potential[:, :-1])
