@@ -1,8 +1,9 @@
 """What an exported file says of a cable: numbers, intervals, laws, and what is left out."""
 
 import dataclasses
+import functools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from statistics import NormalDist
 
 import numpy as np
@@ -73,14 +74,17 @@ class CableModel:
         """Return a parameter."""
         return float(np.asarray(getattr(self.cable.params, name)))
 
-    def bend_springs(self, cells: Sequence[float]) -> list[float]:
-        """Return the bending stiffness of the joints at which lengths of cable bend [N·m/rad].
+    @functools.cached_property
+    def cells(self) -> list[float]:
+        """Length of cable that bends at each joint [m]: half a segment's at clamped ends."""
+        cells = [0.5 * self.segment_length, *[self.segment_length] * (self.segment_count - 1)]
+        return cells + ([0.5 * self.segment_length] if self.attachment_length else [])
 
-        The first joint is at the gripper, whose pads turn, too.
-        """
-        bend = self.value("bend_stiffness")
-        pads = 1.0 + self.value("grip_compliance") * bend / cells[0]
-        return [bend / cells[0] / pads, *(bend / cell for cell in cells[1:])]
+    @functools.cached_property
+    def springs(self) -> list[float]:
+        """Bending stiffness of each joint [N·m/rad]; at the first, the gripper's pads turn, too."""
+        first, *others = [self.value("bend_stiffness") / cell for cell in self.cells]
+        return [first / (1.0 + self.value("grip_compliance") * first), *others]
 
     @property
     def friction(self) -> float:

@@ -45,13 +45,11 @@ def chain_xml(model: CableModel, *, rolls: bool = False) -> str:
     value, count, length = model.value, model.segment_count, model.segment_length
     radius, mass = model.cable.radius, value("mass") / count
     tail = model.attachment_length
-    springs = model.bend_springs([0.5 * length, *[length] * (count - 1), 0.5 * length])
     bodies, ends = [], []
     for index in range(count):
-        # Half a length of cable bends between the grip and the middle of the first segment.
         bodies.append(
             f'<body name="segment_{index}" pos="0 {length if index else 0:.9g} 0">'
-            + _hinges(model, index, springs[index], 0.5 * length if index == 0 else length)
+            + _hinges(model, index)
             + _rod(f"segment_{index}", length, radius, mass, _drag(model, length))
         )
         ends.append("</body>")
@@ -59,7 +57,7 @@ def chain_xml(model: CableModel, *, rolls: bool = False) -> str:
     if tail:
         tip += (
             f'<body name="attachment" pos="0 {length:.9g} 0">'
-            + _hinges(model, count, springs[count], 0.5 * length)
+            + _hinges(model, count)
             + _rod("attachment", tail, radius, end_mass, 0.0)
             + "</body>"
         )
@@ -104,9 +102,10 @@ def chain_xml(model: CableModel, *, rolls: bool = False) -> str:
 """
 
 
-def _hinges(model: CableModel, index: int, bend: float, cell: float) -> str:
-    """Return the hinges of a joint that bends [N·m/rad], and at which a length [m] twists."""
-    value, twist = model.value, model.value("twist_stiffness") / cell
+def _hinges(model: CableModel, index: int) -> str:
+    """Return the hinges of a joint at which the cable bends and twists."""
+    value, cell, bend = model.value, model.cells[index], model.springs[index]
+    twist = value("twist_stiffness") / cell
     time, rest = _damping_time(model), value("rest_curvature") * cell
     limit = value("bend_stiffness") * value("yield_curvature")
     text = ""

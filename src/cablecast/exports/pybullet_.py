@@ -102,19 +102,13 @@ def _joint(name: str, kind: str, parent: str, child: str, at: float) -> str:
     )
 
 
-def _cells(model: CableModel) -> list[float]:
-    """Return the length of cable that bends at each joint [m]: half a segment's at both ends."""
-    cells = [0.5 * model.segment_length, *[model.segment_length] * (model.segment_count - 1)]
-    return cells + ([0.5 * model.segment_length] if model.attachment_length else [])
-
-
 def springs(model: CableModel) -> str:
     """Return the script that loads the URDF file, sets its contacts, and applies its springs."""
-    value, cells = model.value, _cells(model)
+    value, cells = model.value, model.cells
     friction = [model.friction] * model.segment_count
     if model.attachment_length:
         friction.append(model.friction * value("attachment_friction_ratio"))
-    bend, limit = model.bend_springs(cells), value("bend_stiffness") * value("yield_curvature")
+    bend, limit = model.springs, value("bend_stiffness") * value("yield_curvature")
     values: dict[str, Any] = {
         "urdf": f"{model.cable.name}.urdf",
         "dt": step(model),
