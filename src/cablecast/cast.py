@@ -147,23 +147,6 @@ class EndpointTrack:
         nowhere = np.full((1, 2), np.nan)
         return cls(times=np.zeros(1), endpoint_xy=nowhere, status=status, note=note)
 
-    def after(self, start: float) -> "EndpointTrack":
-        """Return what was seen from a time [s] on, which is the new time 0."""
-        late, joints = self.times >= start - 1e-9, self.joint_path
-        if joints is not None:
-            reports = joints.times >= start - 1e-9
-            joints = JointPath(
-                times=joints.times[reports] - start, q=joints.q[reports], qd=joints.qd[reports]
-            )
-        return dataclasses.replace(
-            self,
-            times=self.times[late] - start,
-            endpoint_xy=self.endpoint_xy[late],
-            endpoint_z=None if self.endpoint_z is None else self.endpoint_z[late],
-            nodes=None if self.nodes is None else self.nodes[late],
-            joint_path=joints,
-        )
-
     @property
     def path(self) -> NDArray[np.float64]:
         """Path of the endpoint [m], shape [step, 2], or [step, 3] in the air."""

@@ -5,12 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from cablecast.motion.casting import Action
-from cablecast.motion.draw import Draw
 from cablecast.motion.joint_move import JointMove
 from cablecast.motion.polar import PolarCast
 from cablecast.motion.trajectory import Motion
 
-MOTIONS: tuple[type[Motion], ...] = (Action, PolarCast, Draw, JointMove)
+MOTIONS: tuple[type[Motion], ...] = (Action, PolarCast, JointMove)
 """All families; another one is a class in a file of its own, and a name here."""
 
 

@@ -365,33 +365,6 @@ class GripPath:
             roll=None if all(p.roll is None for p in paths) else np.concatenate(rolls),
         )
 
-    def then(self, later: "GripPath", start: float) -> "GripPath":
-        """Return these motions, at rest until a time, and others from then on.
-
-        Args:
-            later: Paths of as many rows, which begin at time 0 where these end.
-            start: Time at which they begin, after the end of these [s].
-
-        Raises:
-            InputError: One of these ends later.
-        """
-        if np.any(self.duration > start):
-            raise InputError(f"a path that ends at {self.duration.max():g} s is not over at {start}")
-        still = GripPath.hold(np.zeros(len(CHANNELS)), 1.0).coefficients
-        still = np.repeat(still, len(self), axis=0)
-        still[:, 0, :, 0] = self.evaluate(self.duration[:, None])[:, 0]
-        rolls = None
-        if self.roll is not None or later.roll is not None:
-            before, after = self._rolls(1), later._rolls(0)
-            # The gripper goes on from the turn that it has.
-            after[:, :, 0] += before[:, -1:, 0]
-            rolls = np.concatenate([before, after], axis=1)
-        return GripPath(
-            knots=np.concatenate([self.knots, start + later.knots], axis=1),
-            coefficients=np.concatenate([self.coefficients, still, later.coefficients], axis=1),
-            roll=rolls,
-        )
-
     def _rolls(self, pad: int) -> NDArray[np.float64]:
         """Return the coefficients of the roll, with some pieces that hold its end."""
         world_count, piece_count = self.coefficients.shape[:2]

@@ -45,17 +45,6 @@ class JointPath:
         """Largest speed of each joint [rad/s], shape [joint]."""
         return np.max(np.abs(self.qd), axis=0)
 
-    def then(self, later: "JointPath", start: float) -> "JointPath":
-        """Return this path, held until a time [s] of the same cycle, and another from then on."""
-        cycle = float(self.times[1] - self.times[0])
-        waits = np.arange(len(self.times), round(start / cycle))
-        held = np.repeat(self.q[-1:], len(waits), axis=0)
-        return JointPath(
-            times=np.concatenate([self.times, cycle * waits, start + later.times]),
-            q=np.concatenate([self.q, held, later.q]),
-            qd=np.concatenate([self.qd, np.zeros_like(held), later.qd]),
-        )
-
 
 def joints_at(path: JointPath, times: ArrayLike) -> NDArray[np.float64]:
     """Return angles [rad], shape [time, joint], held before the first and after the last tick."""
@@ -159,14 +148,6 @@ class Trajectory:
     def duration(self) -> float:
         """End time of the motion [s]."""
         return float(self.grip_path.duration[0])
-
-    def then(self, later: "Trajectory", start: float) -> "Trajectory":
-        """Return this motion, and another one that goes on from its end at a time [s]."""
-        joints = None
-        if self.joint_path is not None and later.joint_path is not None:
-            joints = self.joint_path.then(later.joint_path, start)
-        path = self.grip_path.then(later.grip_path, start)
-        return Trajectory(action=self.action, grip_path=path, joint_path=joints)
 
 
 def plan_trajectory(action: Motion, setup: Setup) -> Trajectory:

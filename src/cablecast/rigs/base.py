@@ -1,9 +1,8 @@
 """The Rig contract: a robot with a cable in its gripper, which carries out one motion at a time."""
 
 import contextlib
-import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -15,7 +14,6 @@ PURPOSES = ("tune", "real", "repeat", "aim")
 """Purposes of trials; each draws chances of its own."""
 
 _ERROR_LENGTH_MAX = 300
-_CYCLES_MAX = 1000
 
 
 @runtime_checkable
@@ -26,7 +24,7 @@ class Rig(Protocol):
     cable leaves the table, or cannot be seen) is a status of the track; a rig that cannot go on
     raises RigError.
 
-    Five methods are optional:
+    Four methods are optional:
 
     - `execute_many(trajectories, progress=None) -> list[EndpointTrack]`, which resets before each,
       for a rig that can run many trials at once; `run_trials` uses it.
@@ -34,9 +32,6 @@ class Rig(Protocol):
       purpose. Trials of two purposes must draw differently, for which `purpose_seed` is made. A
       collection that goes on after a stop calls it, so that its rows are those of one that never
       stopped. A trial that is made again has another index, larger by a million.
-    - `go_on(trajectory) -> EndpointTrack`, for a rig that can play another motion from where the
-      last one ended, with the cable as it lies there. With it, `aim` draws a cable whose free end
-      lies near a target the rest of the way, instead of casting anew.
     - `picture()`, for a rig with a camera: its latest picture of the table, BGR, uint8, shape
       [v, u, 3], or None while there is none. `cablecast view` shows it; it may be called from
       another thread than the others, also while the arm moves.
@@ -72,28 +67,6 @@ class Rig(Protocol):
         ...
 
 
-Played = TypeVar("Played")
-
-
-def time_to_go_on(end: float, *steps: float) -> float:
-    """Return the first time after an end at which whole steps end, [s].
-
-    Args:
-        end: Time of the last sample of a trial [s].
-        steps: Time between samples of a track, and that of an arm's control cycle [s].
-
-    >>> time_to_go_on(2.31, 0.1, 0.008)
-    2.4
-    """
-    step, *others = steps
-    count = math.ceil(end / step - 1e-9)
-    for later in range(count, count + _CYCLES_MAX):
-        ratios = [later * step / other for other in others]
-        if all(abs(ratio - round(ratio)) < 1e-6 for ratio in ratios):
-            return float(later * step)
-    return float(count * step)
-
-
 class RigLifecycle:
     """Keeps the order reset, execute, close; rigs of this package derive from it.
 
@@ -122,17 +95,6 @@ class RigLifecycle:
     def _check_open(self) -> None:
         if self._closed:
             raise RigError("the rig is closed: make a new one")
-
-    def _use_rest(self, played: Played | None) -> Played:
-        """Return what was played since the last reset, from whose end another motion goes on.
-
-        Raises:
-            RigError: Nothing was, or the rig is closed.
-        """
-        self._check_open()
-        if played is None or self._is_reset:
-            raise RigError("no motion was made since the last reset, from whose end to go on")
-        return played
 
     def _use_reset(self) -> None:
         """Spend the reset that a motion starts from."""

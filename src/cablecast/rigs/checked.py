@@ -82,7 +82,7 @@ Answer = TypeVar("Answer")
 class CheckedRig(RigLifecycle):
     """A rig whose every answer is checked; `make_rig` returns one.
 
-    Its `seek`, `execute_many`, `go_on`, `picture` and `sight` are None if the rig itself has no such method.
+    Its `seek`, `execute_many`, `picture` and `sight` are None if the rig itself has no such method.
     Whatever the rig raises comes out as a CablecastError, but for KeyboardInterrupt. As a context
     manager it closes the rig at the end, and an error in closing never hides an earlier one.
 
@@ -115,7 +115,6 @@ class CheckedRig(RigLifecycle):
         )
         self.seek = self._seek if has_method(rig, "seek") else None
         self.execute_many = self._execute_many if has_method(rig, "execute_many") else None
-        self.go_on = self._go_on if has_method(rig, "go_on") else None
         self.picture = self._picture if has_method(rig, "picture") else None
         self.sight = self._sight if has_method(rig, "sight") else None
         # Otherwise the trials of all purposes would be scattered alike.
@@ -140,17 +139,8 @@ class CheckedRig(RigLifecycle):
                 its answer is impossible.
         """
         self._use_reset()
-        return self._played("execute", trajectory)
-
-    def _go_on(self, trajectory: Trajectory) -> EndpointTrack:
-        """Play one motion from where the last one ended; see `Rig`."""
-        self._check_open()
-        self._is_reset = False
-        return self._played("go_on", trajectory)
-
-    def _played(self, method: str, trajectory: Trajectory) -> EndpointTrack:
         self.watch(trajectory, None)
-        track = self._call(method, lambda: getattr(self.rig, method)(trajectory))
+        track = self._call("execute", lambda: self.rig.execute(trajectory))
         return self._checked(track, trajectory)
 
     def close(self) -> None:

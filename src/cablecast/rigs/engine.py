@@ -17,7 +17,7 @@ from cablecast.errors import InputError, RigError, check_number
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.joint_move import JointMove
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.base import RigLifecycle, time_to_go_on
+from cablecast.rigs.base import RigLifecycle
 from cablecast.runs.workers import LOCAL
 from cablecast.setup import Setup
 from cablecast.task import LANDING
@@ -55,8 +55,6 @@ class RigEngine(RigLifecycle):
         self.engine = spread(engine, LOCAL)
         self.setup = setup
         self.sample_dt = check_number("sample_dt", sample_dt, 1e-3, 10.0, "s")
-        # What was played since the last reset, and the time of the last sample of that [s].
-        self._so_far: tuple[Trajectory, float] | None = None
         settings = setup.to_settings()
         self.description: dict[str, Any] = {
             "rig": "engine",
@@ -70,18 +68,7 @@ class RigEngine(RigLifecycle):
     def execute(self, trajectory: Trajectory) -> EndpointTrack:
         """Simulate one motion from the reset state."""
         self._use_reset()
-        (track,) = self._simulate([trajectory])
-        self._so_far = trajectory, float(track.times[-1])
-        return track
-
-    def go_on(self, trajectory: Trajectory) -> EndpointTrack:
-        """Simulate one motion from where the last one ended: with all since the reset, anew."""
-        played, end = self._use_rest(self._so_far)
-        start = time_to_go_on(end, self.sample_dt, self.setup.motion.control_dt)
-        whole = played.then(trajectory, start)
-        (track,) = self._simulate([whole])
-        self._so_far = whole, float(track.times[-1])
-        return track.after(start)
+        return self._simulate([trajectory])[0]
 
     def execute_many(
         self,
@@ -90,7 +77,7 @@ class RigEngine(RigLifecycle):
     ) -> list[EndpointTrack]:
         """Simulate many motions in one batch, each from the reset state; see `run_trials`."""
         self._check_open()
-        self._is_reset, self._so_far = False, None
+        self._is_reset = False
         tracks = self._simulate(trajectories) if trajectories else []
         if progress is not None:
             progress(len(tracks))

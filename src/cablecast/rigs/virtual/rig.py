@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import EndpointTrack
 from cablecast.motion.trajectory import Trajectory
-from cablecast.rigs.base import time_to_go_on
 from cablecast.rigs.virtual._hidden import effect_strengths, hidden_camera
 from cablecast.rigs.virtual.config import LABORATORY_VERSION, CameraConfig, VirtualConfig
 from cablecast.rigs.virtual.laboratory import Laboratory
@@ -24,23 +23,6 @@ if TYPE_CHECKING:
 
 _SENSING_STREAM = 7
 """Keeps the chances of the camera apart from those of the trial."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _SoFar:
-    """What was played since the last reset.
-
-    Attributes:
-        motion: All of it.
-        trial: Draw of the trial.
-        end: Time of its last sample [s].
-        count: Motions after the first one.
-    """
-
-    motion: Trajectory
-    trial: Trial
-    end: float
-    count: int = 0
 
 
 class RigVirtual(RigOfTrials):
@@ -77,7 +59,6 @@ class RigVirtual(RigOfTrials):
         if self._sensor is not None:
             recorded = dataclasses.replace(self.config, sample_dt=RECORD_DT)
         self._lab = Laboratory(setup, recorded, self.seed)
-        self._so_far: _SoFar | None = None
         # The last trial as it really was, and the picture of its end once it was asked for.
         self._last: EndpointTrack | None = None
         self._camera: VirtualCamera | None = None
@@ -98,17 +79,6 @@ class RigVirtual(RigOfTrials):
         self._use_reset()
         return self._run([trajectory], None)[0]
 
-    def go_on(self, trajectory: Trajectory) -> EndpointTrack:
-        """Play one motion from where the last one ended: with all since the reset, anew."""
-        before = self._use_rest(self._so_far)
-        start = time_to_go_on(before.end, self._lab.config.sample_dt, self.setup.motion.control_dt)
-        whole = before.motion.then(trajectory, start)
-        (track,) = self._lab.run([whole], [before.trial])
-        count, end = before.count + 1, float(track.times[-1])
-        self._so_far = _SoFar(motion=whole, trial=before.trial, end=end, count=count)
-        self._last = track = track.after(start)
-        return self._seen(track, trajectory, before.trial, (count,))
-
     def execute_many(
         self, trajectories: Sequence[Trajectory], progress: Callable[[int], None] | None = None
     ) -> list[EndpointTrack]:
@@ -118,9 +88,7 @@ class RigVirtual(RigOfTrials):
         """
         self._check_open()
         self._is_reset = False
-        tracks = self._run(trajectories, progress) if trajectories else []
-        self._so_far = None
-        return tracks
+        return self._run(trajectories, progress) if trajectories else []
 
     def picture(self) -> NDArray[np.uint8] | None:
         """Return what a camera above the table sees at the end of the last trial, BGR.
@@ -160,19 +128,13 @@ class RigVirtual(RigOfTrials):
         tracks = self._lab.run(trajectories, trials, progress)
         self._trial_count = first + len(trajectories)
         self._last = tracks[-1]
-        end = float(tracks[-1].times[-1])
-        self._so_far = _SoFar(motion=trajectories[-1], trial=trials[-1], end=end)
-        return [
-            self._seen(track, trajectory, trial, ())
-            for track, trajectory, trial in zip(tracks, trajectories, trials, strict=True)
-        ]
-
-    def _seen(
-        self, track: EndpointTrack, trajectory: Trajectory, trial: Trial, stream: tuple[int, ...]
-    ) -> EndpointTrack:
-        """Return what the camera reports of a motion."""
         if self._sensor is None:
-            return track
-        joints = track.joint_path or trajectory.joint_path
-        rng = np.random.default_rng([*trial.key, _SENSING_STREAM, *stream])
-        return self._sensor.observe(track, joints, rng)
+            return tracks
+        return [
+            self._sensor.observe(
+                track,
+                track.joint_path or trajectory.joint_path,
+                np.random.default_rng([seed, first + index, _SENSING_STREAM]),
+            )
+            for index, (track, trajectory) in enumerate(zip(tracks, trajectories, strict=True))
+        ]
