@@ -184,6 +184,22 @@ def test_a_cast_that_ended_in_a_heap_is_not_made_again(landings):
     assert after.aimed_at(polar_to_xy([1.2, -0.2])) is not None
 
 
+@pytest.mark.parametrize("error", [-0.04, 0.04, 1.5 * HEAP])
+def test_an_error_aside_is_removed_by_the_next_casts_at_the_target(landings, error):
+    def made(cast, share):
+        return made_at(landings, cast, share * landings._axes(cast)[1], "aim")
+
+    after = landings.with_casts([made(pilot, 0.03) for pilot in landings._pilots(SWING_PACES[0])])
+    misses = []
+    for _ in range(3):
+        # The world errs across the cable by as much each time.
+        cast = made(after.aimed_at(FAR), error)
+        misses.append(np.linalg.norm(cast.final_xy - FAR) / LENGTH)
+        after = after.with_casts([cast])
+    assert misses[1] < 0.6 * misses[0]
+    assert misses[2] < 0.03
+
+
 def test_casts_that_were_laid_out_count_more_than_a_simulator_that_folds_them(landings):
     def folded(cast):
         return reach.end_xy(cast.to_array()) - 3.0 * LAID_OUT * LENGTH * landings._axes(cast)[0]
