@@ -118,6 +118,7 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
     """Print the errors of metrics.json next to the paper's rows for the same cable."""
     from cablecast.cli import tables
     from cablecast.report.tables import five_cells, published_cells
+    from cablecast.report.words import counted
 
     title = "Distance from target to landing, in % of cable length"
     caption = "The paper's rows are casts of a real UR5." if published else None
@@ -138,6 +139,7 @@ def print_table(metrics: dict[str, Any], published: Any) -> None:
     statuses = ", ".join(f"{count} {code}" for code, count in metrics["status_counts"].items())
     tables.print_table(
         table,
-        f"{metrics['trial_count']} casts at {metrics['target_count']} targets: {statuses}. "
-        f"{metrics['targets_inside_coverage']} targets lie inside the coverage.",
+        f"{counted(metrics['trial_count'], 'cast')} at "
+        f"{counted(metrics['target_count'], 'target')}: {statuses}. Inside the coverage: "
+        f"{counted(metrics['targets_inside_coverage'], 'target')}.",
     )

@@ -41,6 +41,7 @@ class Film:
         from cablecast.engines.warp_ import EngineWarp
         from cablecast.errors import check_count
         from cablecast.pipeline.plan import check_writable
+        from cablecast.report.words import counted
         from cablecast.view.film import KINDS, FilmConfig, write_film
         from cablecast.view.look import open_collection
         from cablecast.view.strike_film import strikes_in, write_strike_film
@@ -63,5 +64,5 @@ class Film:
             with console_progress() as progress:
                 write_film(self.out, collection.setup, shots, config, progress)
         size = self.out.stat().st_size
-        count = f"{len(chosen)} cast{'s' * (len(chosen) != 1)}"
+        count = counted(len(chosen), "cast")
         print(f"film     {self.out} ({count}, {size / 1e6:.2f} MB)")

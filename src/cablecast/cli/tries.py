@@ -19,6 +19,7 @@ from cablecast.report.tables import pct
 from cablecast.report.words import (
     chance_text,
     change_text,
+    counted,
     distance_text,
     floor_text,
     hit_text,
@@ -235,7 +236,7 @@ def print_medians(result: AimResult, beyond_count: int = 0) -> None:
     count = len(result.session.casts)
     tables.print_table(
         table,
-        f"{verdict_text(result.casts, beyond_count)}. {count} casts in all.",
+        f"{verdict_text(result.casts, beyond_count)}. {counted(count, 'cast')} in all.",
     )
 
 

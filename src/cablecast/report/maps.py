@@ -228,7 +228,7 @@ def _draw_repeated(axes: "Axes", result: Repeatability) -> None:
     axes.set_title(f"{result.label}: {scatter}, {off_table}")
     lost = sum(not len(action.landed_xy) for action in result.actions)
     if lost:
-        text = f"{lost} of {len(result.actions)} actions never stayed on the table"
+        text = f"{lost} of {len(result.actions)} actions have no landing"
         style: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "zorder": 6}
         # On a narrow table it stands on the robot's base.
         annotate(axes, text, (0.99, 0.02), (0, 0), color=MUTED, fontsize=7.5, halo=2.2, **style)

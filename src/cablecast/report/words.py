@@ -78,6 +78,15 @@ def verdict_text(tries: Sequence[Sequence[Cast]], beyond_count: int = 0) -> str:
     return text + "; " * bool(words) + ", ".join(words)
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number of things.
+
+    >>> counted(1, "cast"), counted(0, "target")
+    ('1 cast', '0 targets')
+    """
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def chance_text(chance: float) -> str:
     """Return a probability [-] in words.
 
@@ -186,7 +195,7 @@ def reason_text(proposal: Proposal, session: AimSession) -> str:
 
 def _reason(earlier: list[Cast], proposal: Proposal) -> str:
     if not earlier:
-        return f"first cast at this target, after {proposal.number} casts of this cable"
+        return f"first cast at this target, after {counted(proposal.number, 'cast')} of this cable"
     action = proposal.action
     landed = [
         (cast, cast.action.to_array())
