@@ -19,6 +19,9 @@ def test_what_was_found_beside_the_ten_parameters_is_said_with_units():
     assert words == f"{HAS}bends that stay if they are sharper than 20 1/m"
     words = words_of(friction_ratio=1.0512)
     assert words == f"{HAS}friction along it 1.05 times that across"
+    words = words_of(attachment_friction_ratio=2.0, drag_ratio=0.12)
+    expected = "an attachment with 2.00 times its friction, drag along it 0.12 times that across"
+    assert words == HAS + expected
     assert words_of(grip_compliance=1.25) == f"{HAS}a grip that gives by 1.2 rad/(N·m)"
 
 

@@ -107,6 +107,11 @@ def material_words(params: "CableParams", length: float) -> str:
         words.append(f"bends that stay if they are sharper than {params.yield_curvature:.2g} 1/m")
     if params.grip_compliance:
         words.append(f"a grip that gives by {params.grip_compliance:.2g} rad/(N·m)")
+    if params.attachment_friction_ratio != 1.0:
+        ratio = params.attachment_friction_ratio
+        words.append(f"an attachment with {ratio:.2f} times its friction")
+    if params.drag_ratio:
+        words.append(f"drag along it {params.drag_ratio:.2f} times that across")
     if params.attachment_arm:
         words.append(f"an attachment of {1e3 * params.attachment_arm / ROD_ARM:.0f} mm")
     return f"besides the ten parameters, the cable has {', '.join(words)}"
