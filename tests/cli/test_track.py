@@ -6,6 +6,7 @@ import json
 import pathlib
 import re
 import shlex
+import types
 
 import numpy as np
 import pytest
@@ -237,3 +238,13 @@ def test_the_command_that_imports_what_was_tracked_can_be_typed_whatever_its_fil
     command = verb._import_command(pathlib.Path("my films/casts.csv"))
     words = ["import", "my films/casts.csv", "--setup", "my lab/lab.yaml"]
     assert shlex.split(command) == ["cablecast", *words]
+
+
+def test_one_film_of_a_hand_is_said_to_be_one_cast(tmp_path, monkeypatch, capsys):
+    found = types.SimpleNamespace(metrics={})
+    monkeypatch.setattr("cablecast.pipeline.track_video.track_video", lambda *_, **__: found)
+    monkeypatch.setattr("cablecast.pipeline.track_video.join_casts", lambda *_: 1)
+    monkeypatch.setattr("cablecast.cli.track._print_result", lambda *_: None)
+    Track(videos=(pathlib.Path("a.mp4"),), grip_hue=10.0, out=tmp_path).run()
+    said = capsys.readouterr().out
+    assert f"1 cast of cable_1 is in {tmp_path / 'casts.csv'}" in said

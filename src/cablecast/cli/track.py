@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from cablecast.cli.options import argument, load_lab, picked, polar_text
+from cablecast.cli.options import argument, casts_text, load_lab, picked, polar_text
 from cablecast.errors import InputError
 from cablecast.runs.places import RUNS_FOLDER
 
@@ -107,7 +107,7 @@ class Track:
         if config.finds_grip:
             table = out / CASTS_FILE
             count = join_casts(folders, table)
-            print(f"{count} casts are in {table}; take them in with")
+            print(f"{casts_text(count, setup.cable.name)} in {table}; the next command is")
             print(f"  {self._import_command(table)}")
 
     def _import_command(self, table: pathlib.Path) -> str:
