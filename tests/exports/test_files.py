@@ -158,3 +158,12 @@ def test_a_bent_joint_in_bullet_feels_the_moment_of_its_length(tmp_path):
     expected = -cable.params.bend_stiffness * (angle / cells - 0.4)
     assert moments[:, 2] == pytest.approx(expected, rel=ROUNDING)
     assert np.abs(moments[:, :2]).max() < ROUNDING * np.abs(expected).max()
+
+
+def test_a_value_that_was_not_fitted_is_not_said_to_be():
+    tuned = Tuned.believed(cc.Setup(cable="cable_2"))
+    cable = tuned.setup.cable.with_params(drag_ratio=0.1)
+    head = "\n".join(CableModel(cable=cable, posterior=tuned.posterior).lines("MuJoCo", ()))
+    assert "drag_ratio = 0.1: " in head
+    assert "fitted, too" not in head
+    assert "without an interval" in head

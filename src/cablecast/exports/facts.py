@@ -164,7 +164,7 @@ class CableModel:
             lines.append(f"  {name} = {value:.4g}{known}{f' {unit}' if unit else ''}: {law}")
         if posterior is not None:
             lines += [
-                "A value without an interval was fitted, too, but its uncertainty is not known.",
+                "Of a value without an interval the uncertainty is not known.",
                 *posterior.sentences(),
             ]
         dropped = list(dropped)
