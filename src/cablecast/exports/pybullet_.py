@@ -32,8 +32,7 @@ def step(model: CableModel) -> float:
 def urdf(model: CableModel) -> str:
     """Return a cable as URDF, straight along y from the grip, which five joints move."""
     length, radius, mass = model.segment_length, model.cable.radius, model.value("mass")
-    base = _link("base", 0.0, 0.0, 0.0, radius, False)
-    links, joints = [base], []
+    links, joints = [_link("base", 0.0, 0.0, 0.0, radius)], []
     parent = "base"
     for name, kind, axis in (
         ("x", "prismatic", "1 0 0"),
@@ -42,7 +41,7 @@ def urdf(model: CableModel) -> str:
         ("yaw", "continuous", "0 0 -1"),
         ("pitch", "continuous", "1 0 0"),
     ):
-        links.append(_link(f"grip_{name}", _GRIP_MASS, _GRIP_INERTIA, 0.0, radius, False))
+        links.append(_link(f"grip_{name}", _GRIP_MASS, _GRIP_INERTIA, 0.0, radius))
         limit = '<limit lower="-9" upper="9" effort="1e6" velocity="1e3"/>'
         joints.append(
             f'<joint name="grip_{name}" type="{kind}"><parent link="{parent}"/><child '
@@ -57,11 +56,11 @@ def urdf(model: CableModel) -> str:
     for index, (own, own_mass) in enumerate(parts):
         across = own_mass * (own**2 / 12 + radius**2 / 4)
         # A light spin is unstable at this step; and whether a cable rolls barely moves its casts.
-        links.append(_link(f"segment_{index}", own_mass, across, own, radius, True))
+        links.append(_link(f"segment_{index}", own_mass, across, own, radius))
         joints.append(_joint(f"joint_{index}", "spherical", parent, f"segment_{index}", at))
         parent, at = f"segment_{index}", own
     if model.value("endpoint_mass") and not model.attachment_length:
-        links.append(_link("attachment", model.value("endpoint_mass"), 1e-9, 0.0, radius, False))
+        links.append(_link("attachment", model.value("endpoint_mass"), 1e-9, 0.0, radius))
         joints.append(_joint("end", "fixed", parent, "attachment", at))
     text = comment(model.lines("PyBullet", dropped(model)))
     body = "\n".join(links + joints)
@@ -71,16 +70,10 @@ def urdf(model: CableModel) -> str:
     )
 
 
-def _link(
-    name: str,
-    mass: float,
-    inertia: float,
-    length: float,
-    radius: float,
-    touches: bool,
-) -> str:
+def _link(name: str, mass: float, inertia: float, length: float, radius: float) -> str:
+    """Return a link; one of no length has no shape."""
     shape = ""
-    if touches:
+    if length:
         # Capsules lie along z in URDF.
         shape = (
             f'<origin xyz="0 {length / 2:.9g} 0" rpy="{-math.pi / 2:.9g} 0 0"/><geometry><capsule '
