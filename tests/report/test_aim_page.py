@@ -162,6 +162,23 @@ def test_the_map_draws_every_landing_with_its_region_and_every_target(tried):
     assert png_bytes(figure, dpi=30)
 
 
+def test_many_targets_none_of_which_was_cast_at_are_drawn(tried, make_evaluation):
+    every = make_evaluation().rows(np.arange(0))
+    assert tries_map(every).axes[2].patches[0].get_height() == 0.0
+    stops = [tried.stops[1]] * len(every.target_xy)
+    page = aim_page(dataclasses.replace(tried, every=every, stops=stops), CONFIG)
+    assert page.count("<td>not cast at: ") == len(stops)
+
+
+def test_a_first_try_without_a_landing_has_no_miss_in_percent(tried):
+    last = np.flatnonzero(tried.every.target_index == 2)
+    one = dataclasses.replace(
+        tried.every.rows(last), target_xy=TARGETS[2:3], target_index=np.zeros(1, dtype=int)
+    )
+    page = aim_page(dataclasses.replace(tried, every=one, stops=[None]), CONFIG)
+    assert "<b>miss</b><span>median miss of the first try" in page
+
+
 def test_the_panels_draw_the_tolerance_at_its_size(tried):
     figure = target_panels(tried.every)
     assert [axes.get_title(loc="left") for axes in figure.axes][3].endswith("not cast at")

@@ -164,7 +164,7 @@ def _draw_try_curves(axes: "Axes", evaluation: Evaluation, within_pct: float) ->
     last = np.full(count, np.inf)
     errors = np.nan_to_num(evaluation.errors_pct, nan=np.inf)
     repeat = evaluation.repeat
-    tries = 1 + int(repeat.max())
+    tries = 1 + int(repeat.max(initial=0))
     scale = color_scale("viridis", 0.85, 0.1, max(tries - 1, 1))
     for number in range(tries):
         last[evaluation.target_index[repeat == number]] = errors[repeat == number]
