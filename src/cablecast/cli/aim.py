@@ -43,18 +43,8 @@ _MANY_TARGETS = 12
 _WITHIN_PCT_SMALL = 0.5
 
 # Settings that decide the model of a session, which the page needs as well.
-_MODEL_OPTIONS = {
-    *(
-        "calibration_count",
-        "simulated_count",
-        "epochs",
-        "candidate_count",
-        "fast",
-        "polar",
-        "seed",
-        "device",
-    ),
-}
+_MODEL_OPTIONS = ("calibration_count", "simulated_count", "epochs", "candidate_count")
+_MODEL_OPTIONS += ("fast", "polar", "seed", "device")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

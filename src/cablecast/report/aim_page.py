@@ -174,14 +174,6 @@ def _arm_table(casts: Sequence[Cast], setup: Setup) -> Table:
             f"{error.max():.1f}° ({names[int(error.max(axis=0).argmax())]})" if error.size else "–",
         ]
         rows.append(Row(tuple(cells)))
-    heads = (
-        *(
-            "cast",
-            "duration",
-            "nearest to a limit of angle",
-            "largest speed",
-            "largest acceleration",
-        ),
-        "largest tracking error",
-    )
+    heads = ("cast", "duration", "nearest to a limit of angle")
+    heads += ("largest speed", "largest acceleration", "largest tracking error")
     return Table(title="", heads=heads, rows=tuple(rows))

@@ -46,7 +46,7 @@ from cablecast.setup import Setup
 _SETUP_STAGES = (*(f"evaluate-{method}" for method in METHOD_NAMES), "select", "repeat", "tune")
 """Stages whose settings hold the set-up; those that decide the figures come first."""
 
-_TRIAL_NUMBERS = (*("target", "target_x_m", "target_y_m", "landed_x_m", "landed_y_m", "error_pct"),)
+_TRIAL_NUMBERS = ("target", "target_x_m", "target_y_m", "landed_x_m", "landed_y_m", "error_pct")
 
 
 class PagePicture(NamedTuple):
