@@ -39,3 +39,17 @@ def test_the_cable_keeps_its_place_before_and_after_the_cast():
     assert np.allclose(cast.nodes_at(-1.0), nodes[0])
     assert np.allclose(cast.nodes_at(9.0), nodes[-1])
     assert np.allclose(cast.nodes_at(0.1), nodes[1])
+
+
+def test_the_end_is_seen_at_times_that_were_typed_with_few_digits():
+    # Multiples of the interval of the shapes are a rounding error off such times.
+    times = np.array([0.0, 0.35, 0.7])
+    path = np.array([[0.0, 1.0], [0.2, 1.0], [0.4, 1.1]])
+    cast = shown(EndpointTrack(times=times, endpoint_xy=path, status=TrialStatus.OK))
+    assert np.allclose(cast.path[-1], path[-1])
+
+
+def test_what_was_seen_once_is_drawn_at_that_time_alone():
+    cast = shown(track([[0, 1], [np.nan, np.nan], [np.nan, np.nan]]))
+    assert np.allclose(cast.path[0], [0, 1])
+    assert np.isnan(cast.path[1:]).all()

@@ -160,6 +160,8 @@ def _smooth(times: Array, values: Array, at: Array) -> Array:
     from scipy.interpolate import PchipInterpolator
 
     flat = values.reshape(len(times), -1)
+    # The end of a range that is counted in steps may lie a rounding error beyond the last sample.
+    at = np.minimum(at, times[-1])
     seen = np.all(np.isfinite(flat), axis=1)
     result = np.full((len(at), flat.shape[1]), np.nan)
     if np.count_nonzero(seen) >= 2:
@@ -168,8 +170,8 @@ def _smooth(times: Array, values: Array, at: Array) -> Array:
         after = np.clip(np.searchsorted(times, at, side="left"), 0, len(times) - 1)
         before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 1)
         result[~(seen[before] & seen[after])] = np.nan
-    elif seen[0]:
-        result[:] = flat[0]
+    else:
+        result[np.isin(at, times[seen])] = flat[seen]
     return result.reshape(len(at), *values.shape[1:])
 
 
@@ -291,11 +293,9 @@ def _of_dataset(path: pathlib.Path, named: pathlib.Path) -> Collection:
     """Return the casts of a dataset in the folder that a person named, or the same."""
     dataset = read_dataset(path)
     count, targets = len(dataset), np.full((len(dataset), 2), np.nan)
-    aimed = dataset.settings.values.get("targets")
-    if aimed:
+    if aimed := dataset.settings.values.get("targets"):
         # Repeats of a target are consecutive.
-        repeats = max(1, count // len(aimed))
-        targets = np.array(aimed, dtype=float)[np.arange(count) // repeats]
+        targets = np.repeat(np.array(aimed, dtype=float), count // len(aimed), axis=0)
     return _collection(dataset, named, targets, [0] * count)
 
 
