@@ -66,3 +66,10 @@ def test_a_toggle_halts_goes_on_and_begins_again(player):
     assert player.playing
     player.toggle()
     assert player.time < 5.0
+
+
+def test_the_first_end_alone_is_told(player, wait_until):
+    done = []
+    player.play([(Noting(), cast(0.1))], rounds=3, done=lambda: done.append(1))
+    wait_until(lambda: not player.playing)
+    assert done == [1]

@@ -711,16 +711,17 @@ class Player:
 
     def _advance(self, seconds: float) -> None:
         end = self.duration
-        at_end = self.time >= end
         # Between two rounds the time runs on through the pause.
         self.time += self.speed * seconds
-        if self.time >= end and not at_end and self._done is not None:
-            self._done()
+        done = self._done if self.time >= end else None
         if self._rounds > 1 and self.time >= end + self._pause * self.speed:
             self.time, self._rounds = 0.0, self._rounds - 1
         elif self._rounds <= 1 and self.time >= end:
             self.time, self.playing = end, False
         self._draw()
+        if done is not None:
+            self._done = None
+            done()
 
 
 class Stage:
