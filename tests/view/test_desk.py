@@ -211,6 +211,7 @@ def test_an_undone_try_teaches_nothing(desk, own):
     own.offset = np.array([-0.3, 0.2])
     one = desk.cast(desk.preview)
     desk.undo()
+    assert desk.message.startswith("Try 1 is discarded")
     assert desk.is_undone(one)
     assert desk.last is None
     assert desk.tries_at(TARGET) == []

@@ -242,7 +242,7 @@ class Desk:
                 raise InputError("there is no try to undo")
             self.session = self.task.undo(self._need_session(), last.number)
             self.preview, self.stop = None, ""
-            self.message = f"Try {last.number} is discarded: no plan uses it from now on."
+            self.message = f"Try {last.try_number} is discarded: no plan uses it from now on."
             return last
 
     def _need_session(self) -> CastSession:
