@@ -1,6 +1,7 @@
 """The page without a browser: what its buttons call, against a server that nobody looks at."""
 
 import dataclasses
+import threading
 
 import numpy as np
 import pytest
@@ -164,6 +165,19 @@ def test_a_folder_is_looked_at_with_sliders(page, tmp_path, drawn):
     assert set(page.look.shown) == {"measured", "sliders"}
     page.aim(TARGET)
     assert "/figures/sliders/tip" not in drawn(page.server)
+
+
+def test_a_folder_is_opened_only_when_no_cast_of_the_one_before_is_drawn(page, tmp_path):
+    cast_at_target(page)
+    page.look.open(str(tmp_path))
+    before = page.look._collection
+    opening = threading.Thread(target=page.look.open, args=(str(tmp_path),))
+    with page.look._lock:
+        opening.start()
+        opening.join(timeout=0.5)
+        assert page.look._collection is before
+    opening.join()
+    assert page.look._collection is not before
 
 
 def test_the_map_lies_between_the_table_and_the_target(page, drawn):

@@ -634,13 +634,14 @@ class LookTab:
             raise InputError("these casts were made on another table than the page shows")
         if collection.setup.strike != self._page.desk.setup.strike:
             raise InputError("these casts were made with another strike section than the page's")
-        self._collection = collection
-        self._cast.options = collection.labels
-        self._cast.value = collection.labels[0]
-        for handle in (*self._boxes.values(), *self._sliders.values(), self._mujoco):
-            handle.disabled = False
-        self._boxes["tuned"].disabled = collection.tuned is None
-        self.show(0)
+        with self._lock:
+            self._collection = collection
+            self._cast.options = collection.labels
+            self._cast.value = collection.labels[0]
+            for handle in (*self._boxes.values(), *self._sliders.values(), self._mujoco):
+                handle.disabled = False
+            self._boxes["tuned"].disabled = collection.tuned is None
+            self.show(0)
 
     def show(self, index: int) -> None:
         """Show a cast of the open folder in all kinds that are ticked."""
