@@ -19,6 +19,7 @@ from cablecast.cast import Cast, Proposal
 from cablecast.conventions import Ellipse
 from cablecast.errors import InputError
 from cablecast.pipeline.places import require
+from cablecast.report.tries import REGION_SHARE
 from cablecast.setup import Setup
 from cablecast.view.arm_meshes import ArmMeshes
 from cablecast.view.look import ShownCast
@@ -63,9 +64,6 @@ if TYPE_CHECKING:
 
 LIFT = 0.002
 """Height of lines above the table, so that they are not hidden in it [m]."""
-
-EXPECTED_SHARE = 0.9
-"""Share of the landings that the ellipse of a plan holds."""
 
 FIGURE_COLORS: dict[str, Color] = {
     "measured": BLUE,
@@ -452,7 +450,7 @@ class TargetScene(abc.ABC):
         """Draw the expected landing, and the ellipse that nine of ten landings lie in."""
         expected, axes = proposal.expected, self.surface.axes[: proposal.expected.dimension, :2]
         # The shadow of a region in the air is the ellipse of the same square.
-        square = expected.law.square(EXPECTED_SHARE, expected.dimension)
+        square = expected.law.square(REGION_SHARE, expected.dimension)
         mean = self.surface.flat(expected.mean)
         ellipse = Ellipse.of_covariance(mean, axes.T @ expected.spread @ axes, square)
         lines = [circle(mean, 0.012, 2 * LIFT), polyline(level(ellipse.outline(), 2 * LIFT))]

@@ -8,12 +8,13 @@ import numpy as np
 from cablecast.cast import Cast, Proposal
 from cablecast.report.strike_page import target_text
 from cablecast.report.tables import markdown_table
+from cablecast.report.tries import REGION_SHARE
 from cablecast.report.words import hit_text, motion_text
 from cablecast.runs.progress import duration_text
 from cablecast.task import closest
 from cablecast.view.desk import Desk, Phase
 from cablecast.view.look import ShownCast
-from cablecast.view.scene import EXPECTED_SHARE, FIGURE_COLORS
+from cablecast.view.scene import FIGURE_COLORS
 from cablecast.view.shapes import GREEN, INK, VERMILLION, Array
 from cablecast.view.tasks import Preview
 from cablecast.view.worker import WorkState
@@ -106,7 +107,7 @@ def _landing_text(proposal: Proposal, desk: Desk) -> str:
         off = 100 * float(
             proposal.goal.task.miss(last.outcome, proposal.expected.mean, proposal.setup)
         )
-        inside = proposal.expected.holds(last.outcome, EXPECTED_SHARE)
+        inside = proposal.expected.holds(last.outcome, REGION_SHARE)
         often = "nine" if inside else "one"
         rows += [
             ("missed by", _length_text(last.miss_pct, length)),
