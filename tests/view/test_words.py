@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 
 from cablecast.runs.progress import Progress
-from cablecast.setup import Setup
+from cablecast.setup import Setup, StrikeConfig
 from cablecast.view.desk import Desk
-from cablecast.view.tasks import PageLanding
+from cablecast.view.tasks import PageLanding, PageTask
 from cablecast.view.words import (
     colors_text,
     plan_text,
@@ -14,6 +14,7 @@ from cablecast.view.words import (
     tries_text,
 )
 from cablecast.view.worker import Worker, WorkState
+from cablecast.workspace import Workspace
 
 TARGET = np.array([0.3, 1.15])
 IDLE = WorkState()
@@ -95,3 +96,21 @@ def test_the_legend_ends_at_a_quarter_of_the_cable(engine):
     cable = dataclasses.replace(Setup().cable, length=1.0)
     legend = PageLanding(Setup(cable=cable), engine).legend()
     assert "<span>0 cm</span><span>12 cm</span><span>25 cm and more</span>" in legend
+
+
+def test_a_name_in_a_sentence_is_no_html(desk):
+    desk.message = "no casts in <img src=x>: name another folder"
+    assert "No casts in &lt;img src=x&gt;: name" in status_text(desk, IDLE)
+    work = WorkState(name="a cast", progress=Progress(task="Casting <b>rope", total=2))
+    assert "Casting &lt;b" in status_text(desk, work)
+
+
+def test_the_numbers_to_type_begin_within_their_range_where_the_reach_is_short(engine):
+    small = Setup(
+        workspace=Workspace(r_max=0.5, reset_y=0.3),
+        cable=dataclasses.replace(Setup().cable, length=0.4),
+    )
+    swings = dataclasses.replace(small, workspace=Workspace(), strike=StrikeConfig())
+    for setup in (small, swings):
+        for _, value, low, high, _ in PageTask.of(setup, engine).fields():
+            assert low <= value <= high

@@ -32,6 +32,7 @@ from cablecast.view.shapes import BLUE, SLATE, viewpoint
 from cablecast.view.tasks import Preview
 from cablecast.view.words import (
     colors_text,
+    literal,
     motions_text,
     plan_text,
     status_text,
@@ -553,7 +554,7 @@ class Page:
                 try:
                     picture = take()
                 except CablecastError as error:
-                    words = str(error)
+                    words = literal(str(error))
                 update(trouble, content=words, visible=bool(words))
                 if picture is not None and picture is not last:
                     last = picture

@@ -273,7 +273,7 @@ class PageLanding(PageTask[AimSession]):
         """Return the distance from the base and the angle."""
         reach = self.setup.workspace.reach(self.setup.cable.length)
         return (
-            ("r [m]", 1.1, 0.0, round(reach, 3), 0.01),
+            ("r [m]", round(min(1.1, reach), 3), 0.0, round(reach, 3), 0.01),
             ("theta [deg]", 0.0, -90.0, 90.0, 0.5),
         )
 
@@ -407,8 +407,9 @@ class PageStrike(PageTask[StrikeSession]):
     def fields(self) -> tuple[NumberField, NumberField]:
         """Return the distance ahead and the height."""
         low, high = swing_extent(self.setup)
+        ahead, height = np.clip([1.2, 0.9], low, high).round(2).tolist()
         (near, far), (bottom, top) = np.round(np.stack([low, high], axis=1), 2).tolist()
-        return ("ahead [m]", 1.2, near, far, 0.01), ("height [m]", 0.9, bottom, top, 0.01)
+        return ("ahead [m]", ahead, near, far, 0.01), ("height [m]", height, bottom, top, 0.01)
 
     def news(self, session: StrikeSession, cast: Cast) -> str:
         """Return where the tip passed."""

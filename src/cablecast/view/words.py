@@ -1,5 +1,6 @@
 """Words of the page, in Markdown: the state of the session, a plan, the tries."""
 
+import html
 import math
 from collections.abc import Mapping
 
@@ -51,7 +52,12 @@ def status_text(desk: Desk, state: WorkState) -> str:
         head = f"{verdict}: {_length_text(last.miss_pct, length)} from the target. {head}"
     if desk.stop and not state.message:
         news = f"another cast is not worth it: {desk.stop}" if phase is Phase.DONE else desk.stop
-    return f"**{head}**" + (f"\n\n{news[:1].upper()}{news[1:]}" if news else "")
+    return f"**{head}**" + (f"\n\n{literal(news[:1].upper() + news[1:])}" if news else "")
+
+
+def literal(text: str) -> str:
+    """Return a text in which a browser finds no HTML: Markdown would let it run."""
+    return html.escape(text, quote=False)
 
 
 def _length_text(pct: float, length: float) -> str:
@@ -64,7 +70,7 @@ def work_text(state: WorkState) -> str:
     text = f"**{state.name[:1].upper()}{state.name[1:]} is under way.**"
     if state.progress is not None:
         progress = state.progress
-        text += f"\n\n{progress.task}"
+        text += f"\n\n{literal(progress.task)}"
         if progress.total:
             text += f": {progress.done} of {progress.total} {progress.unit}"
         if state.seconds_left is not None:
