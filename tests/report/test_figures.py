@@ -235,3 +235,8 @@ def test_the_learning_curve_is_drawn_in_percent_of_cable_length():
 def test_the_same_evaluation_gives_the_same_picture_twice(make_evaluation):
     pictures = {svg_uri(target_errors(make_evaluation())) for _ in range(2)}
     assert len(pictures) == 1
+
+
+def test_a_dollar_sign_in_a_name_is_no_formula():
+    figure = error_boxes([("my $_{$ rig", summarise_errors([1.0, 2.0]))], ())
+    assert png_bytes(figure, dpi=30)

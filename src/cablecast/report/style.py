@@ -51,6 +51,8 @@ _RC = {
     "axes.titlelocation": "left",
     "axes.titlecolor": INK,
     "text.color": INK,
+    # A name may hold dollar signs.
+    "text.parse_math": False,
     "xtick.color": MUTED,
     "ytick.color": MUTED,
     "xtick.labelcolor": INK,
