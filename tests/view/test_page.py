@@ -2,6 +2,7 @@
 
 import dataclasses
 import threading
+import types
 
 import numpy as np
 import pytest
@@ -165,6 +166,16 @@ def test_a_folder_is_looked_at_with_sliders(page, tmp_path, drawn):
     assert set(page.look.shown) == {"measured", "sliders"}
     page.aim(TARGET)
     assert "/figures/sliders/tip" not in drawn(page.server)
+
+
+def test_casts_of_an_arm_with_other_joints_are_refused(page, monkeypatch):
+    facts = {name: getattr(page.desk.setup, name) for name in ("workspace", "strike")}
+    other = types.SimpleNamespace(**facts, arm=types.SimpleNamespace(joint_count=7))
+    shown = types.SimpleNamespace(setup=other, labels=("cast 0",), tuned=None)
+    monkeypatch.setattr("cablecast.view.page.open_collection", lambda folder: shown)
+    with pytest.raises(InputError, match="an arm of 7 joints, and the page shows one of 6"):
+        page.look.open("elsewhere")
+    assert page.look._collection is None
 
 
 def test_a_folder_is_opened_only_when_no_cast_of_the_one_before_is_drawn(page, tmp_path):

@@ -631,10 +631,16 @@ class LookTab:
             DatasetError: It holds none.
         """
         collection = open_collection(pathlib.Path(folder.strip()).expanduser())
-        if collection.setup.workspace != self._page.desk.setup.workspace:
+        theirs, ours = collection.setup, self._page.desk.setup
+        if theirs.workspace != ours.workspace:
             raise InputError("these casts were made on another table than the page shows")
-        if collection.setup.strike != self._page.desk.setup.strike:
+        if theirs.strike != ours.strike:
             raise InputError("these casts were made with another strike section than the page's")
+        if theirs.arm.joint_count != ours.arm.joint_count:
+            raise InputError(
+                f"these casts were made with an arm of {theirs.arm.joint_count} joints, and the "
+                f"page shows one of {ours.arm.joint_count}"
+            )
         with self._lock:
             self._collection = collection
             self._cast.options = collection.labels
