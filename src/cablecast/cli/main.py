@@ -105,7 +105,10 @@ def _commands(chosen: str) -> Any:
 
 
 def _with_joined_lines(kind: type) -> type:
-    """Return a verb whose options are described without line breaks, which tyro would keep."""
+    """Return a verb whose options are described without line breaks, which tyro would keep.
+
+    A text in the type of an option comes before that of a docstring.
+    """
     texts = {
         entry.arg_name: " ".join((entry.description or "").split())
         for base in reversed(kind.__mro__[:-1])
@@ -113,7 +116,9 @@ def _with_joined_lines(kind: type) -> type:
     }
     hints = typing.get_type_hints(kind, include_extras=True)
     joined = {
-        name: Annotated[hints[name], tyro.conf.arg(help=text)] for name, text in texts.items()
+        name: Annotated[hints[name], tyro.conf.arg(help=text)]
+        for name, text in texts.items()
+        if not any(getattr(one, "help", None) for one in getattr(hints[name], "__metadata__", ()))
     }
     return type(kind.__name__, (kind,), {"__annotations__": joined, "__doc__": kind.__doc__})
 
