@@ -58,13 +58,13 @@ class Aim(AimConfig, _Targets):
     """Cast at targets, look, correct, and cast again until they are hit.
 
     The first time, the rig makes five casts, the simulator is fitted to them, and a model learns
-    from simulated casts; that takes a minute or two of computing. Then each target is aimed at.
-    Before each cast the command says where it expects the free end to land and how surely, after it
-    where it landed and what changes. Once there are many more casts than the simulator was fitted
-    to, it is fitted to all of them before the next target. Every cast is kept in --out: give
-    further targets with the same command. An interrupted one goes on where it stopped. It ends with
-    a report of the tries. The exit status is 3 if a target was not hit: missed by all tries, given
-    up, or not cast at.
+    from simulated casts; that takes a minute or two of computing. Three polar casts follow, which
+    correct later ones. Then each target is aimed at. Before each cast the command says how likely
+    it is to hit, and how far from the target it may land; after it, where it landed and what
+    changes. Once there are many more casts than the simulator was fitted to, it is fitted to all of
+    them before the next target. Every cast is kept in --out: give further targets with the same
+    command. An interrupted one goes on where it stopped. It ends with a report of the tries. The
+    exit status is 3 if a target was not hit: missed by all tries, given up, or not cast at.
 
     With --task strike the cable hangs from a stick, and is swung so that its free end passes a
     point in the air; no swing is made before the first target.

@@ -30,10 +30,10 @@ class View(AimConfig):
     and the free end passes there.
 
     The page shows the table, the arm and the cable, and runs until Ctrl-C. The first time it gets
-    ready as `cablecast aim` does: the rig makes five casts, or ten, and the simulator is fitted to
-    them, which takes a minute or two of computing. A real arm moves only at a click. Every cast is
-    kept in --out and counts; the same command goes on with the session. Only this computer sees the
-    page, unless --host says otherwise.
+    ready as `cablecast aim` does: the rig makes five casts, the simulator is fitted to them, which
+    takes a minute or two of computing, and the rig makes three polar casts. A real arm moves only
+    at a click. Every cast is kept in --out and counts; the same command goes on with the session.
+    Only this computer sees the page, unless --host says otherwise.
     """
 
     task: TaskName = None
