@@ -94,7 +94,7 @@ class Calibrate:
             print("change: shim the base or the table until the tilt is below 3 mm at r_max")
         if abs(x) > AXIS_OFFSET_MAX:
             print(
-                f"change: the tags' middle line lies {1e3 * abs(x):.0f} mm beside the robot's "
+                f"change: the tags' middle line lies {1e3 * abs(x):.0f} mm off the robot's "
                 "axis; where the table does too, its edges are off by that"
             )
 

@@ -61,7 +61,7 @@ class Tries(abc.ABC, Generic[Session]):
 
     @abc.abstractmethod
     def plan(self, proposal: Proposal) -> list[str]:
-        """Return lines about what is planned; the first stands beside the number of the try."""
+        """Return lines about what is planned; the first stands next to the number of the try."""
 
     @abc.abstractmethod
     def expected(self, proposal: Proposal) -> list[str]:

@@ -435,7 +435,7 @@ class CastVectorEnv(gymnasium.vector.VectorEnv):
 
     With next-step autoreset, Gymnasium's default, every other step starts the next episodes and
     leaves its actions alone. With same-step autoreset each step returns the observations of the
-    next episodes; those of the ended ones are `info["final_obs"]`, beside `info["final_info"]`.
+    next episodes; those of the ended ones are `info["final_obs"]`, next to `info["final_info"]`.
     A rig makes the casts one after the other where it cannot make many.
 
     Args:

@@ -205,7 +205,7 @@ def workspace_panels(
 ) -> tuple["Figure", list["Axes"]]:
     """Return a figure with `count` maps of the table, and the axes of each.
 
-    Its width is in inches, as is the room below the maps, e.g. for a legend, and beside them, e.g.
+    Its width is in inches, as is the room below the maps, e.g. for a legend, and next to them, e.g.
     for a colour bar.
     """
     rows = -(-max(count, 1) // columns)
@@ -285,7 +285,7 @@ def color_scale(name: str, first: float, last: float, top: float) -> Any:
 
 
 def draw_color_bar(figure: "Figure", axes: Any, scale: Any, label: str, **options: Any) -> None:
-    """Draw the bar of a colour scale beside axes; options in the words of `Figure.colorbar`."""
+    """Draw the bar of a colour scale next to axes; options in the words of `Figure.colorbar`."""
     bar = figure.colorbar(scale, ax=axes, **options)
     bar.set_label(label)
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]

@@ -266,7 +266,7 @@ def tracking_error(cast: Cast) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 @styled()
 def joint_curves(casts: Sequence[Cast], setup: Setup) -> "Figure | None":
-    """Draw angle, speed and tracking error of each joint in each cast, beside their limits.
+    """Draw angle, speed and tracking error of each joint in each cast, next to their limits.
 
     It is None without casts that have joints.
     """
