@@ -33,8 +33,8 @@ class AimConfig:
     at three times as many casts as it was fitted to, or at twice as many if first tries land
     farther off than was stated. Takes a minute; --no-refit keeps the model."""
     calibration_count: int = 5
-    """Casts that the rig makes before the first target. With 0 it aims at once with the believed
-    cable, and the simulator is fitted to the first casts."""
+    """Casts that the rig makes before the first target. With 0 it aims at once with the values of
+    the cable's file, and the simulator is fitted to the first casts."""
     simulated_count: int = 8_000
     """Number of simulated casts that the model learns from."""
     epochs: int = 60

@@ -13,7 +13,7 @@ if typing.TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tune:
-    """Fit the ten parameters of a cable to measured casts.
+    """Fit the parameters of a cable to measured casts.
 
     Finds the parameters that bring the simulated endpoints nearest to the measured ones, and
     identifies from the same casts how the arm lags behind its set points. The default is a
