@@ -23,6 +23,26 @@ def test_a_learner_steps_it_and_gets_the_observation_of_the_ended_episode():
     assert env.get_attr("num_envs", [0, 1]) == [4, 4]
 
 
+def test_options_set_the_targets_of_the_next_reset_and_of_no_other():
+    env = CastVecEnv(CastVectorEnv(2))
+    one, each = (0.2, 1.0), [(0.2, 1.0), (-0.3, 0.9)]
+
+    def targets(options):
+        env.set_options(options)
+        env.reset()
+        return env.env._casts.target_xy.tolist()
+
+    assert targets({"target_xy": one}) == [list(one)] * 2
+    assert targets({"target_xy": each}) == [list(xy) for xy in each]
+    assert targets([{"target_xy": xy} for xy in each]) == [list(xy) for xy in each]
+    env.step(np.zeros((2, 4), dtype=np.float32))
+    assert env.env._casts.target_xy.tolist() != [list(xy) for xy in each]
+    with pytest.raises(InputError, match="of every environment, or of none"):
+        targets([{"target_xy": one}, {}])
+    with pytest.raises(InputError, match="off the table"):
+        targets({"target_xy": (0.0, -0.5)})
+
+
 def test_the_same_seed_learns_the_same():
     rewards = []
     for _ in range(2):

@@ -8,6 +8,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from cablecast.errors import InputError
 from cablecast.gym.env import CastVectorEnv
+from cablecast.task import LANDING
 
 
 class CastVecEnv(VecEnv):
@@ -31,10 +32,32 @@ class CastVecEnv(VecEnv):
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> Any:
-        """Start an episode in each environment; see `CastVectorEnv.reset`."""
-        seed = self._seeds[0]
+        """Start an episode in each environment; see `CastVectorEnv.reset`.
+
+        `set_options({"target_xy": ...})`, or a list with the options of each environment, sets the
+        targets of this reset.
+
+        Raises:
+            InputError: Only some of the environments have a target, or one is no target.
+        """
+        seed, target_xy = self._seeds[0], self._target_xy()
         self._reset_seeds()
-        return self.env.reset(seed=seed)[0]
+        self._reset_options()
+        options = None if target_xy is None else {"target_xy": target_xy}
+        return self.env.reset(seed=seed, options=options)[0]
+
+    def _target_xy(self) -> np.ndarray | None:
+        """Return the targets of the options [m], shape [1 or environment, 2]; None without any."""
+        given = [options.get("target_xy") for options in self._options]
+        if all(target is None for target in given):
+            return None
+        if any(target is None for target in given):
+            raise InputError("target_xy must be among the options of every environment, or of none")
+        rows = [LANDING.values(self.env.task.setup, target) for target in given]
+        # Options of all environments, a target of each among them, are copied to each.
+        if all(np.array_equal(row, rows[0]) for row in rows):
+            return rows[0]
+        return np.concatenate(rows)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions of the next batch."""
