@@ -1,4 +1,5 @@
 import dataclasses
+import types
 
 import numpy as np
 
@@ -114,3 +115,27 @@ def test_the_numbers_to_type_begin_within_their_range_where_the_reach_is_short(e
     for setup in (small, swings):
         for _, value, low, high, _ in PageTask.of(setup, engine).fields():
             assert low <= value <= high
+
+
+def test_the_angle_of_a_place_behind_the_base_can_be_typed_where_the_table_is_there(engine):
+    around = PageLanding(Setup(workspace=Workspace(table_near_y=-0.4, table_depth=2.0)), engine)
+    for place in ([0.5, -0.2], [-0.5, -0.2]):
+        typed = around.to_typed(np.array(place))
+        for value, (_, _, low, high, _) in zip(typed, around.fields(), strict=True):
+            assert low <= value <= high
+    assert PageLanding(Setup(), engine).fields()[1][2:4] == (-90.0, 90.0)
+
+
+def test_a_joint_of_any_name_leaves_the_table_of_a_plan_whole(desk):
+    preview = desk.aim(TARGET)
+    names = ["a|b<img src=x>"] * len(desk.setup.arm.joint_names)
+    arm = types.SimpleNamespace(joint_names=names)
+    named = types.SimpleNamespace(
+        setup=types.SimpleNamespace(arm=arm, cable=desk.setup.cable),
+        phase=desk.phase,
+        session=desk.session,
+        task=desk.task,
+    )
+    plan = plan_text(preview, named)
+    assert "(a&#124;b&lt;img src=x&gt;)" in plan
+    assert {line.count("|") for line in plan.splitlines()} == {3}

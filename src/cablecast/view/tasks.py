@@ -271,10 +271,13 @@ class PageLanding(PageTask[AimSession]):
 
     def fields(self) -> tuple[NumberField, NumberField]:
         """Return the distance from the base and the angle."""
-        reach = self.setup.workspace.reach(self.setup.cable.length)
+        table = self.setup.workspace
+        reach = table.reach(self.setup.cable.length)
+        # A table may reach behind the base.
+        side = 180.0 if table.y_min < 0.0 else 90.0
         return (
             ("r [m]", round(min(1.1, reach), 3), 0.0, round(reach, 3), 0.01),
-            ("theta [deg]", 0.0, -90.0, 90.0, 0.5),
+            ("theta [deg]", 0.0, -side, side, 0.5),
         )
 
     def from_typed(self, first: float, second: float) -> Array:
