@@ -22,10 +22,12 @@ from cablecast.setup import Setup, StrikeConfig
 from cablecast.task import LANDING, STRIKE, Expectation
 from cablecast.view.film import FilmConfig, write_film
 from cablecast.view.look import Shot, ShownCast
+from cablecast.view.shapes import INK
 from cablecast.view.strike_film import _Painter, write_strike_film
 
 TABLE, AIR = Setup(), Setup(strike=StrikeConfig())
 PLACE = np.array([0.2, 1.0])
+PLACE_IN_AIR = np.array([0.0, 1.2, 0.9])
 CONFIG = {
     "settings": {"seed": 0},
     "versions": {"python": "3.11.7"},
@@ -159,3 +161,25 @@ def test_a_film_of_swings_shows_the_arm_wherever_it_goes():
             pixels = painter._pixels(painter._arm(joints_at(cast.joint_path, [time])[0]))
             assert np.all(pixels > 0)
             assert np.all(pixels < np.array(painter.size) * [2, 2])
+
+
+def test_a_film_of_swings_shows_the_cable_as_old_as_its_tip(monkeypatch):
+    _, (cast, *_) = casts_of(JointMove)
+    times = cast.track.times
+    # The free end is one metre further with each sample.
+    path = PLACE_IN_AIR + np.arange(len(times))[:, None] * [0.0, 1.0, 0.0]
+    nodes = path[:, None] - np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
+    track = dataclasses.replace(
+        cast.track, endpoint_xy=path[:, :2], endpoint_z=path[:, 2], nodes=nodes
+    )
+    cast = dataclasses.replace(cast, track=track)
+    painter = _Painter([cast], SMALL)
+    cables, tips = [], []
+    monkeypatch.setattr(
+        painter, "_line", lambda pen, at, color, _: cables.append(at) if color == INK else None
+    )
+    monkeypatch.setattr(painter, "_dot", lambda pen, place, color: tips.append(place))
+    for time in (times[3], (times[3] + times[4]) / 2):
+        painter.frame(cast, float(time))
+    for cable, tip in zip(cables, tips, strict=True):
+        np.testing.assert_array_equal(cable[-1], tip)

@@ -112,7 +112,8 @@ class _Painter:
         if until.sum() > 1:
             self._line(pen, path[until], SKY, 0.008)
         if track.nodes is not None:
-            step = int(np.clip(np.searchsorted(track.times, time), 0, len(track.times) - 1))
+            # As old as the tip: the last one so far.
+            step = max(int(np.searchsorted(track.times, time, side="right")) - 1, 0)
             self._line(pen, self.plane.coordinates(track.nodes[step])[:, :2], INK, 0.012)
         if until.any():
             self._dot(pen, path[until][-1], BLUE)
