@@ -54,6 +54,24 @@ def test_the_table_is_painted_with_the_cable_where_it_is(shot):
     assert np.allclose(after[round(float(y)), round(float(x))], TABLE, atol=12)
 
 
+def test_a_cast_off_the_table_has_no_landing_although_it_was_seen_to_its_end(shot):
+    painter = Painter(SETUP, 320, 180)
+
+    def picture(one, *tries):
+        return np.asarray(painter.frame(one, one.cast.duration, tries))
+
+    lost = dataclasses.replace(shot, landed=False)
+    assert np.any(picture(shot) != picture(lost))
+    aimless = [dataclasses.replace(one, target_xy=None) for one in (shot, lost)]
+    np.testing.assert_array_equal(*map(picture, aimless))
+    # Nor does the picture of a later try show one.
+    elsewhere = dataclasses.replace(shot.cast, path=shot.cast.path - [0.8, 0.0])
+    earlier = [dataclasses.replace(one, cast=elsewhere) for one in (shot, lost)]
+    alone, landed, unlanded = (picture(shot, *tries) for tries in ((), earlier[:1], earlier[1:]))
+    assert np.any(alone != landed)
+    np.testing.assert_array_equal(alone, unlanded)
+
+
 def test_frames_are_evenly_spaced_in_slow_motion_and_show_the_rest(shot):
     slow = FilmConfig(speed=0.25, frames_per_second=25)
     times = frame_times(shot.cast.duration, slow)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.aiming.session import AimSession
+from cablecast.cast import TrialStatus
 from cablecast.data.dataset import read_dataset
 from cablecast.errors import DatasetError, InputError
 from cablecast.evaluation.evaluate import evaluate_policy
@@ -37,6 +38,15 @@ def test_an_evaluation_knows_its_targets(own, policy, engine, tmp_path):
     assert found.target_xy.tolist() == TARGETS.repeat(2, axis=0).tolist()
     assert found.measured(0).nodes is not None
     assert found.shot(0, engine).result.endswith("% of the cable's length off")
+
+
+def test_a_cast_that_was_seen_to_the_tables_edge_has_no_landing(own, policy, engine, tmp_path):
+    own.status = TrialStatus.OFF_TABLE
+    evaluate_policy(tmp_path / CASTS_FOLDER, policy, own, TARGETS)
+    shot = open_collection(tmp_path).shot(0, engine)
+    assert np.isfinite(shot.cast.path[-1]).all()
+    assert not shot.landed
+    assert shot.result.endswith(": off table")
 
 
 def test_a_session_of_aim_is_shown_with_its_tries(open_desk, policy, tmp_path):

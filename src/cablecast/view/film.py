@@ -158,7 +158,8 @@ class Painter:
             for segment in target_marks(shot.target_xy, 0.0):
                 self._line(pen, segment, VERMILLION, 1.6)
         for earlier in tries:
-            self._dot(pen, np.append(earlier.cast.path[-1], 0.01), 0.012, GREY)
+            if _has_landing(earlier):
+                self._dot(pen, np.append(earlier.cast.path[-1], 0.01), 0.012, GREY)
         if len(trail := shot.cast.trail(time)) > 1:
             self._line(pen, level(trail, 0.002), (*BLUE, 110), 1.2)
         nodes, q = shot.cast.nodes_at(time), shot.cast.joints_at(time)
@@ -232,7 +233,7 @@ class Painter:
 
     def _mark_miss(self, pen: Any, shot: Shot) -> None:
         landed = shot.cast.path[-1]
-        if shot.target_xy is None or not np.all(np.isfinite(landed)):
+        if shot.target_xy is None or not _has_landing(shot):
             return
         ends = level(np.stack([shot.target_xy, landed]), 0.004)
         self._line(pen, ends, INK, 1.6)
@@ -310,6 +311,11 @@ def instants(
             yield number, float(time)
             done += 1
             progress(Progress(task="Filming", done=done, total=total, unit="frames"))
+
+
+def _has_landing(shot: Shot) -> bool:
+    """Return whether a cast has a landing to draw: one off the table may be seen to its end."""
+    return shot.landed and bool(np.all(np.isfinite(shot.cast.path[-1])))
 
 
 def _same_target(one: Shot, other: Shot) -> bool:

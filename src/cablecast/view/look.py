@@ -183,6 +183,7 @@ class Shot:
         cast: Cast in blue, solid.
         other: Second cast in purple, thin, e.g. what was expected; none if None.
         target_xy: Target [m], shape [2]; none if None.
+        landed: Whether the free end came to rest on the table.
         caption: Line below the picture while the cast plays.
         result: Line below the picture once the cable rests.
     """
@@ -190,6 +191,7 @@ class Shot:
     cast: ShownCast
     other: ShownCast | None = None
     target_xy: Array | None = None
+    landed: bool = True
     caption: str = ""
     result: str = ""
 
@@ -253,15 +255,26 @@ class Collection:
         target_xy = target if np.all(np.isfinite(target)) else None
         if measured is None:
             simulated = self.simulated(index, engine, self.fitted)
-            return Shot(cast=simulated, target_xy=target_xy, caption=label, result=label)
+            landed = not bool(LANDING.lost(simulated.path, self.setup))
+            return Shot(
+                cast=simulated, target_xy=target_xy, landed=landed, caption=label, result=label
+            )
         simulated, result = None, label
+        landed = self.dataset.status[index] == TrialStatus.OK.code
         if self.dataset.motion(index) is not None:
             simulated = self.simulated(index, engine, self.fitted)
-        if target_xy is not None and self.dataset.status[index] == TrialStatus.OK.code:
+        if not landed:
+            result += f": {str(self.dataset.status[index]).replace('_', ' ')}"
+        elif target_xy is not None:
             miss = float(LANDING.miss(self.dataset.rest_xy[index], target, self.setup))
             result += f": {100 * miss:.1f} % of the cable's length off"
         return Shot(
-            cast=measured, other=simulated, target_xy=target_xy, caption=label, result=result
+            cast=measured,
+            other=simulated,
+            target_xy=target_xy,
+            landed=landed,
+            caption=label,
+            result=result,
         )
 
 
