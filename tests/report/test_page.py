@@ -1,16 +1,19 @@
 import dataclasses
 import html.parser
+import importlib.util
 import json
 import re
 
 import numpy as np
 import pytest
+from tools.browse_page import find_browser, open_browser
 
 from cablecast.cable import load_cable
 from cablecast.report.page import report_page
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
+HAS_BROWSER = find_browser() is not None and importlib.util.find_spec("playwright") is not None
 CONFIG = {
     "command": "evaluate",
     "settings": {"rig": "virtual", "seed": 0, "model_fingerprint": "0123abcd"},
@@ -178,3 +181,24 @@ def test_a_training_of_one_epoch_has_no_curve_to_draw(make_evaluation):
     assert alt in page_of(make_evaluation())
     info = MODEL_INFO | {"curve": MODEL_INFO["curve"][:1]}
     assert alt not in report_page(make_evaluation(), info, CONFIG)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not HAS_BROWSER, reason="no Chromium, or no Playwright to drive it")
+@pytest.mark.usefixtures("blank_figures")
+def test_the_slider_of_a_cast_of_one_sample_stands_at_its_start(make_evaluation):
+    evaluation = make_evaluation()
+    first = evaluation.casts[0]
+    nodes = first.track.nodes[:1]
+    track = dataclasses.replace(
+        first.track, times=np.zeros(1), endpoint_xy=nodes[:, -1, :2], nodes=nodes
+    )
+    casts = (dataclasses.replace(first, track=track), *evaluation.casts[1:])
+    with open_browser() as browser:
+        tab = browser.new_page()
+        tab.set_content(page_of(dataclasses.replace(evaluation, casts=casts)))
+        value = "document.querySelector('#player input[type=range]').value"
+        assert tab.evaluate(value) == "0"
+        tab.select_option("#player select", "1")
+        tab.click("#player button")
+        assert tab.evaluate("document.querySelector('#player output').textContent") != "NaN s"

@@ -83,7 +83,8 @@
     dot(now[0], now[1], 9, "#1f2933");
     dot(now[end], now[end + 1], 10, "#0072b2", "#ffffff");
     clock.textContent = time.toFixed(2) + " s";
-    slider.value = String(Math.round(1000 * time / cast.times[cast.times.length - 1]));
+    // A cast of one sample has no length.
+    slider.value = String(Math.round(1000 * time / (cast.times[cast.times.length - 1] || 1)));
   }
 
   function tick(stamp) {
