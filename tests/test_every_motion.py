@@ -16,7 +16,7 @@ from cablecast.motion.joint_move import JointMove, JointMoves
 from cablecast.motion.polar import PolarCast, PullReach
 from cablecast.motion.trajectory import joints_at, plan_trajectory
 from cablecast.report.aim_page import Tried, aim_page
-from cablecast.report.strike_page import strike_page
+from cablecast.report.strike_page import strike_map, strike_page
 from cablecast.report.words import distance_text, hit_text, miss_text, motion_text, reason_text
 from cablecast.setup import Setup, StrikeConfig
 from cablecast.task import LANDING, STRIKE, Expectation
@@ -183,3 +183,17 @@ def test_a_film_of_swings_shows_the_cable_as_old_as_its_tip(monkeypatch):
         painter.frame(cast, float(time))
     for cable, tip in zip(cables, tips, strict=True):
         np.testing.assert_array_equal(cable[-1], tip)
+
+
+@pytest.mark.parametrize("count", [12, 13])
+def test_a_target_without_a_panel_is_said(count):
+    _, casts = casts_of(JointMove)
+    tries = [[], *[casts[:1]] * count]
+    figure = strike_map(tries, AIR)
+    assert len(figure.axes) == 12
+    said = "" if count == 12 else "The first 12 of 13 targets"
+    assert figure.get_suptitle() == said
+    page = strike_page(tries, AIR, CONFIG, ["a fact"])
+    assert ("The first 12 of 13 targets are drawn; the table below has every try." in page) == (
+        count == 13
+    )

@@ -66,7 +66,7 @@ def strike_map(tries: Sequence[Sequence[Cast]], setup: Setup) -> "Figure":
         setup: Set-up with a strike section.
     """
     plane = SwingPlane.of(JointMoves.of(setup))
-    shown = [casts for casts in tries if casts][:_PANELS_MAX]
+    shown = _shown(tries)
     columns = min(len(shown), 3)
     rows = -(-len(shown) // max(columns, 1))
     figure = new_figure(PAGE_WIDTH, max(rows, 1) * 3.4 + 0.5)
@@ -75,6 +75,8 @@ def strike_map(tries: Sequence[Sequence[Cast]], setup: Setup) -> "Figure":
         _draw_target(axes, casts, setup, plane)
     for axes in grid[len(shown) :]:
         axes.remove()
+    if note := _left_out(tries):
+        figure.suptitle(note, x=0.01, ha="left", fontsize=9)
     legend_strip(
         figure,
         [
@@ -86,6 +88,17 @@ def strike_map(tries: Sequence[Sequence[Cast]], setup: Setup) -> "Figure":
         columns=4,
     )
     return figure
+
+
+def _shown(tries: Sequence[Sequence[Cast]]) -> list[Sequence[Cast]]:
+    """Return the casts at the targets that have a panel."""
+    return [casts for casts in tries if casts][:_PANELS_MAX]
+
+
+def _left_out(tries: Sequence[Sequence[Cast]]) -> str:
+    """Return that some targets have no panel for want of room; nothing where all have one."""
+    count = sum(bool(casts) for casts in tries)
+    return f"The first {_PANELS_MAX} of {count} targets" if count > _PANELS_MAX else ""
 
 
 def _draw_target(axes: "Axes", casts: Sequence[Cast], setup: Setup, plane: SwingPlane) -> None:
@@ -147,6 +160,8 @@ def strike_page(
         for cast in casts
         if cast.proposal is not None
     ]
+    if note := _left_out(tries):
+        facts = [f"{note} are drawn; the table below has every try", *facts]
     return render_template(
         "strike.html",
         cable=setup.cable,
