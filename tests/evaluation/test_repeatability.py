@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -217,10 +218,28 @@ def test_the_map_draws_each_landing_and_marks_actions_that_left_the_table(measur
     from cablecast.report.style import png_bytes
 
     figure = repeatability_map([measured, measured, measured], SETUP.workspace)
-    panels = figure.axes
+    # The legend stands where no panel does.
+    *panels, legend = figure.axes
     assert len(panels) == 3
+    labels = [text.get_text() for text in legend.get_legend().get_texts()]
+    assert labels[0] == "landings of one action"
+    assert not figure.legends
+    assert len(repeatability_map([measured, measured], SETUP.workspace).legends) == 1
     drawn = sum(len(line.get_xdata()) for line in panels[1].lines if line.get_marker() == "o")
     assert drawn == sum(len(a.landed_xy) for a in measured.actions)
     assert sum(line.get_marker() == "^" for line in panels[1].lines) == 1
     assert "v_max 1.5" in panels[0].get_title(loc="left")
     assert png_bytes(figure, dpi=50).startswith(b"\x89PNG")
+
+
+def test_no_ellipse_crosses_the_note_of_actions_without_a_landing(measured):
+    pytest.importorskip("matplotlib")
+    from cablecast.report.maps import repeatability_map
+
+    nowhere = scatter_of(np.empty((0, 2)), ["off_table"] * 3)
+    lost = dataclasses.replace(measured, actions=(*measured.actions, nowhere))
+    axes = repeatability_map([lost], SETUP.workspace).axes[0]
+    (note,) = (text for text in axes.texts if "have no landing" in text.get_text())
+    assert note.get_bbox_patch().get_alpha() is None
+    assert note.get_bbox_patch().get_facecolor()[3] == 1.0
+    assert all(note.get_zorder() > line.get_zorder() for line in axes.lines)

@@ -95,6 +95,12 @@ def test_a_track_without_a_landing_is_not_said_to_end_at_rest(make_evaluation):
     assert ("at rest" in second, "last seen" in second) == (False, True)
 
 
+def test_the_panels_of_tracks_say_that_they_run_from_best_to_worst(make_evaluation):
+    evaluation = make_evaluation()
+    figure = draw_tracks(evaluation, evaluation.setup.workspace)
+    assert figure.get_suptitle() == "2 of 2 trials, from best to worst fitted"
+
+
 def points_drawn(axes):
     """Every single point that is a marker on its own, as rows of x and y."""
     lines = [line for line in axes.lines if len(line.get_xdata()) == 1]

@@ -25,6 +25,7 @@ from cablecast.report.style import (
     color_scale,
     draw_color_bar,
     draw_half_circle,
+    legend_panel,
     legend_strip,
     styled,
     workspace_panels,
@@ -204,7 +205,8 @@ def repeatability_map(results: Sequence[Repeatability], workspace: Workspace) ->
             {"color": VERMILLION, "markersize": 7, "alpha": 0.55},
         ),
     ]
-    legend_strip(figure, entries, columns=3 if columns == 2 else 1)
+    if not legend_panel(figure, panels, entries):
+        legend_strip(figure, entries, columns=3 if columns == 2 else 1)
     return figure
 
 
@@ -230,8 +232,9 @@ def _draw_repeated(axes: "Axes", result: Repeatability) -> None:
     if lost:
         text = f"{lost} of {len(result.actions)} actions have no landing"
         style: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "zorder": 6}
-        # On a narrow table it stands on the robot's base.
-        annotate(axes, text, (0.99, 0.02), (0, 0), color=MUTED, fontsize=7.5, halo=2.2, **style)
+        # Ellipses reach there; on a narrow table it stands on the robot's base.
+        style["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+        annotate(axes, text, (0.99, 0.02), (0, 0), color=MUTED, fontsize=7.5, **style)
 
 
 @styled()
@@ -337,10 +340,11 @@ def track_panels(
     """Draw measured tracks as points every 100 ms, and simulated ones as lines through such points.
 
     Simulated endpoints are at the measured times [m], shape [trial, sample, 2]; distances, in % of
-    cable length, are those of the tuned parameters.
+    cable length, are those of the tuned parameters. The trials run from the nearest tracks to the
+    farthest, as of `spread_choice`.
     """
     simulated = (("default", default_xy, MUTED), ("tuned", tuned_xy, BLUE))
-    options: dict[str, Any] = {"columns": 3, "below": 0.4, "ticks": False}
+    options: dict[str, Any] = {"columns": 3, "below": 0.7, "ticks": False}
     view = workspace_view(workspace)
     figure, panels = workspace_panels(workspace, view, len(trial_indices), **options)
     for axes, trial in zip(panels, trial_indices, strict=True):
@@ -362,6 +366,13 @@ def track_panels(
         for name, _, color in simulated
     ]
     entries.append(("measured every 100 ms", "o", {"color": VERMILLION, "markersize": 4}))
+    if len(trial_indices) > 1:
+        figure.suptitle(
+            f"{len(trial_indices)} of {len(tracks.endpoint_xy)} trials, from best to worst fitted",
+            x=0.01,
+            ha="left",
+            fontsize=9,
+        )
     legend_strip(figure, entries)
     return figure
 

@@ -248,19 +248,13 @@ def draw_grid(axes: "Axes", axis: Literal["x", "y", "both"] = "both") -> None:
     axes.set_axisbelow(True)
 
 
-def legend_strip(
-    figure: "Figure", entries: Sequence[tuple[str, str, dict[str, Any]]], columns: int = 3
-) -> None:
-    """Draw a legend below all axes, where the figure has room.
+LegendEntries = Sequence[tuple[str, str, dict[str, Any]]]
+"""Label, format as of `plot`, and properties of a line or marker, of each entry of a legend."""
 
-    An entry is a label, a format as of `plot`, and properties of its line or marker.
-    """
-    from matplotlib.lines import Line2D
 
-    handles = []
-    for label, form, style in entries:
-        line = {"linestyle": "-"} if form == "-" else {"linestyle": "", "marker": form}
-        handles.append(Line2D([], [], label=label, **line, **style))
+def legend_strip(figure: "Figure", entries: LegendEntries, columns: int = 3) -> None:
+    """Draw a legend below all axes, where the figure has room."""
+    handles = _handles(entries)
     # A legend of the figure, not of the axes: the layout then keeps room for it below.
     figure.legend(
         handles=handles,
@@ -269,6 +263,31 @@ def legend_strip(
         columnspacing=1.6,
         labelcolor=INK,
     )
+
+
+def legend_panel(figure: "Figure", panels: Sequence["Axes"], entries: LegendEntries) -> bool:
+    """Draw a legend in the place of the last panel, where no panel stands; return whether it is so.
+
+    The panels are those of `workspace_panels`.
+    """
+    grid = panels[0].get_subplotspec()
+    rows, columns = grid.get_gridspec().get_geometry() if grid is not None else (1, 1)
+    if grid is None or len(panels) == rows * columns:
+        return False
+    free = figure.add_subplot(grid.get_gridspec()[rows - 1, columns - 1])
+    free.axis("off")
+    free.legend(handles=_handles(entries), loc="center", labelcolor=INK)
+    return True
+
+
+def _handles(entries: LegendEntries) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for label, form, style in entries:
+        line = {"linestyle": "-"} if form == "-" else {"linestyle": "", "marker": form}
+        handles.append(Line2D([], [], label=label, **line, **style))
+    return handles
 
 
 def color_scale(name: str, first: float, last: float, top: float) -> Any:
