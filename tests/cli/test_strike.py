@@ -75,6 +75,19 @@ def test_a_target_that_no_swing_reaches_is_said_at_once_with_the_nearest_that_on
     assert not swings(lab)
 
 
+@pytest.mark.parametrize("force", [False, True])
+def test_force_is_named_where_it_was_not_given_and_swings(lab, capsys, force):
+    # A bit, and far beyond what any swing of these cables passes.
+    near = ["--target", "1.85", "0.9"]
+    words = [*AIM, *near, "--target", "3", "0.9", "--tries", "1", *["--force"] * force]
+    assert main(words) == 3
+    said = capsys.readouterr().out
+    assert said.count("cannot be struck") == 2
+    assert said.count("(--force swings all the same)") == (not force)
+    assert said.count("cm away; it swings all the same") == force
+    assert len(swings(lab)) == force
+
+
 def test_a_target_that_cannot_be_struck_counts_among_those_that_were_asked_for(lab, capsys):
     places = ["--target", "1.2", "0.9", "--target", "3", "0.9"]
     assert main([*AIM, *places, "--tries", "1"]) == 3

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from cablecast.aiming.config import AimConfig
-from cablecast.aiming.strike_session import check_reach
+from cablecast.aiming.strike import OUT_OF_REACH
+from cablecast.aiming.strike_session import check_reach, nearest_point
 from cablecast.cli.options import open_rig
 from cablecast.cli.progress import console_progress
 from cablecast.cli.tries import EXIT_MISSED, StrikeTries, print_folder
@@ -18,6 +19,8 @@ from cablecast.rigs.make import check_rig
 from cablecast.rigs.swings import move_envelope
 from cablecast.runs.places import STRIKE_FOLDER, cable_folder
 from cablecast.setup import Setup
+
+_HINT = " (--force swings all the same)"
 
 
 def strike_targets(options: Any) -> Array:
@@ -54,9 +57,12 @@ def aim_strike(options: Any, setup: Setup) -> int:
             try:
                 check_reach(session.prior, goal, session.plane)
             except TargetError as error:
-                chosen[number] = config.force
-                refusals += [str(error)] * (not config.force)
-                print(f"{error} (--force swings all the same)", flush=True)
+                # At what is farther off there is nothing to try.
+                near = nearest_point(session.prior, goal.value)[0] <= OUT_OF_REACH
+                chosen[number] = near and config.force
+                refusals += [str(error)] * (not chosen[number])
+                words = "; it swings all the same" if config.force else _HINT
+                print(f"{error}{words * near}", flush=True)
         if not chosen.any():
             return EXIT_MISSED
         tries = StrikeTries(session)
