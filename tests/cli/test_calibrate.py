@@ -3,14 +3,16 @@
 import dataclasses
 import io
 import shlex
+import types
 
 import numpy as np
 import pytest
 
 from cablecast.arm.ur import ArmUR
-from cablecast.camera.tags import default_layout
+from cablecast.camera.tags import default_layout, read_touches
 from cablecast.cli import main
 from cablecast.cli.calibrate import _ask_for_touches
+from cablecast.errors import InputError
 from cablecast.setup import load_setup
 
 LAB = """\
@@ -156,3 +158,42 @@ def test_the_option_that_gives_typed_points_again_can_be_typed(tmp_path, capsys,
     _ask_for_touches([7], file)
     said = capsys.readouterr().out.splitlines()[-1]
     assert shlex.split(said.partition("kept: ")[2])[:2] == ["--touched", str(file)]
+
+
+def test_typing_that_was_stopped_goes_on_with_the_points_so_far(tmp_path, capsys, monkeypatch):
+    file = tmp_path / "lab-touched.csv"
+    file.write_text("tag,x_m,y_m,z_m\n7,9.0,9.0,9.0\n")
+
+    def typed(text):
+        monkeypatch.setattr("sys.stdin", io.StringIO(text))
+        return _ask_for_touches([7, 8, 9], file)
+
+    with pytest.raises(InputError):
+        typed("1 2 3\n4 5 6\n")
+    said = capsys.readouterr().out.splitlines()[-1]
+    part = tmp_path / "lab-touched-part.csv"
+    assert f"kept in {part}: the same command goes on" in said
+    # What an earlier run kept to its end is not lost by one that was stopped.
+    assert read_touches(file) == {7: (9.0, 9.0, 9.0)}
+    # The second one is typed anew.
+    assert typed("\n4 5 7\n7 8 9\n") == read_touches(file)
+    assert read_touches(file) == {
+        7: (1e-3, 2e-3, 3e-3),
+        8: (4e-3, 5e-3, 7e-3),
+        9: (7e-3, 8e-3, 9e-3),
+    }
+    said = capsys.readouterr().out
+    assert "tag 7, x y z [mm] (1.00 2.00 3.00): " in said
+    assert "tag 9, x y z [mm]: " in said
+    assert not part.exists()
+
+
+def test_typing_that_is_stopped_by_ctrl_c_says_where_its_points_lie(tmp_path, capsys, monkeypatch):
+    def stop():
+        raise KeyboardInterrupt
+
+    lines = iter([lambda: "1 2 3\n", stop])
+    monkeypatch.setattr("sys.stdin", types.SimpleNamespace(readline=lambda: next(lines)()))
+    with pytest.raises(KeyboardInterrupt):
+        _ask_for_touches([7, 8], tmp_path / "lab-touched.csv")
+    assert f"kept in {tmp_path / 'lab-touched-part.csv'}" in capsys.readouterr().out

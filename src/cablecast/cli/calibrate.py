@@ -123,30 +123,52 @@ class Calibrate:
 
 
 def _ask_for_touches(tag_ids: list[int], file: pathlib.Path) -> "dict[int, Point]":
-    """Ask for the touched points of tags [m], and keep them in a file as they are typed."""
+    """Ask for the touched points of tags [m], and keep them in a file, under another name so far.
+
+    Those of a run that was stopped are taken with an empty line.
+    """
+    from cablecast.camera.tags import read_touches
     from cablecast.files import write_csv
 
-    touched: dict[int, Point] = {}
-    for tag_id in tag_ids:
-        point = _ask_for_touch(tag_id)
-        if point is not None:
-            touched[tag_id] = point
-            write_csv(file, ("tag", "x_m", "y_m", "z_m"), [(i, *own) for i, own in touched.items()])
+    part = file.with_name(f"{file.stem}-part{file.suffix}")
+    before = read_touches(part) if part.is_file() else {}
+    touched = {tag_id: before[tag_id] for tag_id in tag_ids if tag_id in before}
     if touched:
+        print(
+            f"{part} keeps what was typed before a stop: an empty line takes the point in brackets"
+        )
+    done = False
+    try:
+        for tag_id in tag_ids:
+            point = _ask_for_touch(tag_id, touched.get(tag_id))
+            if point is not None:
+                touched[tag_id] = point
+                rows = [(i, *own) for i, own in touched.items()]
+                write_csv(part, ("tag", "x_m", "y_m", "z_m"), rows)
+        done = True
+    finally:
+        if touched and not done:
+            print(
+                f"\nThe points so far are kept in {part}: the same command goes on; to begin anew, "
+                "delete it"
+            )
+    if touched:
+        part.replace(file)
         print(f"The points are kept: --touched {shlex.quote(str(file))} gives them again")
     return touched
 
 
-def _ask_for_touch(tag_id: int) -> "Point | None":
-    """Ask the person at the terminal for a touched point [m], until it is one or none."""
+def _ask_for_touch(tag_id: int, before: "Point | None" = None) -> "Point | None":
+    """Ask the person at the terminal for a touched point [m], until it is one, or that before."""
+    shown = "" if before is None else f" ({' '.join(f'{1e3 * value:.2f}' for value in before)})"
     while True:
-        print(f"tag {tag_id}, x y z [mm]: ", end="", flush=True)
+        print(f"tag {tag_id}, x y z [mm]{shown}: ", end="", flush=True)
         line = sys.stdin.readline()
         if not line:
             raise InputError("nobody types touched points: give them as --touched FILE")
         words = line.replace(",", " ").split()
         if not words:
-            return None
+            return before
         with contextlib.suppress(ValueError):
             x, y, z = (float(word) / 1e3 for word in words)
             if all(math.isfinite(value) for value in (x, y, z)):
