@@ -27,6 +27,11 @@ def test_a_table_becomes_a_dataset_and_a_dataset_a_lerobot_data_set(tmp_path, ca
     monkeypatch.chdir(casts)
     assert main(["export", "."]) == 0
     assert (tmp_path / "casts-lerobot/meta/info.json").is_file()
+    # A folder may have the name of the word that stands for a cable.
+    monkeypatch.chdir(tmp_path)
+    casts.rename("cable")
+    assert main(["export", "./cable"]) == 0
+    assert (tmp_path / "cable-lerobot/meta/info.json").is_file()
 
 
 def test_a_folder_of_aim_is_named_by_its_part(tmp_path, capsys):

@@ -20,8 +20,9 @@ class Export:
     PyElastica (scripts). Units, laws, and what a model leaves out stand in the files.
     """
 
-    dataset: Annotated[tyro.conf.Positional[pathlib.Path], argument("DATASET|cable")]
-    """Folder of casts that `cablecast collect` or `cablecast import` made; or the word cable."""
+    dataset: Annotated[tyro.conf.Positional[str], argument("DATASET|cable")]
+    """Folder of casts that `cablecast collect` or `cablecast import` made; or the word cable (a
+    folder of that name is ./cable)."""
     setup: LabFile = None
     cable: CableName = None
     params: Annotated[pathlib.Path | None, argument("FILE", "runs/CABLE/tune")] = None
@@ -39,10 +40,11 @@ class Export:
 
     def run(self) -> None:
         """Export, and print where it lies."""
-        if self.dataset == pathlib.Path("cable"):
+        # A path would drop the ./ of a folder that has the name of the word.
+        if self.dataset == "cable":
             self._export_cable()
         else:
-            self._export_casts()
+            self._export_casts(pathlib.Path(self.dataset))
 
     def _export_cable(self) -> None:
         from cablecast.cli.options import load_lab
@@ -57,17 +59,17 @@ class Export:
         for path in export_cable(tuned, out, segment_count=self.segment_count):
             print(path)
 
-    def _export_casts(self) -> None:
+    def _export_casts(self, dataset: pathlib.Path) -> None:
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
         from cablecast.errors import DatasetError
         from cablecast.pipeline.export import export_dataset
         from cablecast.runs.places import CALIBRATION_FOLDER, check_not_aim
 
-        check_not_aim(self.dataset, CALIBRATION_FOLDER, "its data set", DatasetError)
-        casts = read_dataset(self.dataset)
+        check_not_aim(dataset, CALIBRATION_FOLDER, "its data set", DatasetError)
+        casts = read_dataset(dataset)
         # `.` and `..` name a folder without saying its name.
-        named = self.dataset if self.dataset.name not in ("", "..") else self.dataset.resolve()
+        named = dataset if dataset.name not in ("", "..") else dataset.resolve()
         out = self.out or named.with_name(f"{named.name}-lerobot")
         with console_progress() as progress:
             export_dataset(casts, out, fps=self.fps, films=self.films, progress=progress)
