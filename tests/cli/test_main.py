@@ -44,6 +44,16 @@ def test_every_verb_explains_itself(verb, capsys):
     assert re.search(r"\b(second|minute|hour)s?\b", text)
 
 
+@pytest.mark.parametrize("verb", ["plan", "evaluate", "check", "aim"])
+def test_a_verb_explains_the_targets_that_it_takes_and_no_others(verb, capsys):
+    with pytest.raises(SystemExit):
+        main([verb, "--help"])
+    text = " ".join(re.sub("[│•]", " ", capsys.readouterr().out).split())
+    target = text.partition("--target R THETA")[2].partition("--target-xy X Y")[0]
+    assert ("That of a strike" in target) == (verb in ("check", "aim"))
+    assert ("Give it again" in target) == ("repeatable" in target) == (verb != "plan")
+
+
 def test_help_breaks_lines_at_the_width_of_the_terminal(capsys, monkeypatch):
     for width in (80, 1000):
         monkeypatch.setenv("COLUMNS", str(width))

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 from cablecast.aiming.config import AimConfig
 from cablecast.cli.evaluate import print_table
 from cablecast.cli.options import (
+    AnyTargetOptions,
     CableName,
     LabFile,
     RigName,
-    TargetOptions,
     TaskName,
     TimeLimit,
     WithPolar,
@@ -48,7 +48,7 @@ _MODEL_OPTIONS += ("fast", "polar", "seed", "device")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Targets(TargetOptions):
+class _Targets(AnyTargetOptions):
     paper_targets: bool = False
     """Aim at the paper's 32 targets, and compare its errors with those of the last tries."""
 

@@ -5,18 +5,18 @@ import pathlib
 from typing import Annotated
 
 from cablecast.cli.options import (
+    AnyTargetOptions,
     ArcRadius,
     CableName,
     GripSpeed,
     LabFile,
-    TargetOptions,
     TaskName,
     argument,
 )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Check(TargetOptions):
+class Check(AnyTargetOptions):
     """Say in seconds what casts of this cable, arm and table can reach, and what would reach more.
 
     Casts that the arm can follow are simulated with the cable as its file describes it, and with

@@ -64,8 +64,7 @@ class TargetOptions:
 
     target: Annotated[_Places, tyro.conf.UseAppendAction, argument("R THETA")] = ()
     """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
-    the robot's right. That of a strike: distance ahead of the base, and height [m]. Give it again
-    for more."""
+    the robot's right. Give it again for more."""
     target_xy: Annotated[_Places, tyro.conf.UseAppendAction, argument("X Y")] = ()
     """Target in the base frame [m], x to the robot's right and y ahead, in place of --target."""
 
@@ -93,6 +92,35 @@ class TargetOptions:
         if most is not None and len(first) > most:
             raise InputError(f"{len(first)} targets are given: it takes {most}")
         return places[np.sort(first)]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AnyTargetOptions(TargetOptions):
+    """Options of a verb that takes targets on the table or, of strikes, in the air."""
+
+    target: Annotated[_Places, tyro.conf.UseAppendAction, argument("R THETA")] = ()
+    """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
+    the robot's right. That of a strike: distance ahead of the base, and height [m]. Give it again
+    for more."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OneTargetOptions(TargetOptions):
+    """Options of a verb that takes one target."""
+
+    target: Annotated[
+        _Places,
+        tyro.conf.UseAppendAction,
+        tyro.conf.arg(metavar="R THETA", help_behavior_hint="(this or --target-xy)"),
+    ] = ()
+    """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
+    the robot's right."""
+    target_xy: Annotated[
+        _Places,
+        tyro.conf.UseAppendAction,
+        tyro.conf.arg(metavar="X Y", help_behavior_hint="(this or --target)"),
+    ] = ()
+    """Target in the base frame [m], x to the robot's right and y ahead."""
 
 
 def paper_targets(setup: "Setup") -> "NDArray[np.float64]":

@@ -4,7 +4,14 @@ import dataclasses
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
-from cablecast.cli.options import Method, TargetOptions, argument, load_lab, load_policy, polar_text
+from cablecast.cli.options import (
+    Method,
+    OneTargetOptions,
+    argument,
+    load_lab,
+    load_policy,
+    polar_text,
+)
 from cablecast.errors import InputError, check_number
 
 if TYPE_CHECKING:
@@ -15,7 +22,7 @@ EXIT_FAR_OFF = 3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PlanVerb(TargetOptions):
+class PlanVerb(OneTargetOptions):
     """Plan the motion that lands the cable's free end on a target.
 
     Prints the action, the predicted landing, the duration of the motion and the peak speeds of the
