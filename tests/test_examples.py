@@ -6,6 +6,7 @@ import inspect
 import io
 import pathlib
 
+import numpy as np
 import pytest
 from tools.film import main as make_films
 
@@ -115,6 +116,15 @@ def test_the_lab_file_for_a_real_arm_moves_nothing_before_it_was_checked():
     assert not setup.robot.seen_safe
     assert not setup.arm.measured
     assert setup.robot.silence_max == RobotUR.silence_max
+
+
+@pytest.mark.parametrize("name", ["robot.yaml", "twin.yaml"])
+def test_the_post_of_the_camera_stands_off_the_table_and_out_of_the_cables_way(name):
+    setup = load_setup(FOLDER / name)
+    (post,) = setup.robot.obstacles
+    foot = np.array(post.start[:2])
+    assert setup.workspace.edge_distance(foot) < -post.radius
+    assert np.linalg.norm(foot) > setup.workspace.reach(setup.cable.length) + post.radius
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
