@@ -57,7 +57,7 @@ class Stopped(KeyboardInterrupt):
 
 
 _DESCRIPTION = """\
-Teach a robot arm to throw the free end of a cable onto a target on a table.
+Teach a robot arm to cast the free end of a cable onto a target on a table.
 
 The verb `cablecast aim` does it all: a few casts, a fit, and casts at your targets, each of which
 teaches. The other verbs are its steps and those of the paper: collect casts on a real or virtual
