@@ -1,7 +1,7 @@
 """Strike points in the air with a cable that nobody fitted, on the strike laboratory.
 
 The cable hangs from a stick in a UR5's hand. Nothing is known of it but its file: the laboratory
-has another copy of it, in MuJoCo, and a camera beside the plane of the swing.
+has another copy of it, in MuJoCo, and a camera next to the plane of the swing.
 """
 
 import pathlib

@@ -499,7 +499,7 @@ def damage_cases(base: pathlib.Path, rng: random.Random) -> Iterator[Case]:
 
 
 def _difference(good: dict[str, str], found: dict[str, str], damaged: str) -> str:
-    """Return the files that differ from good ones, beside the damaged one itself."""
+    """Return the files that differ from good ones, other than the damaged one itself."""
     names = sorted(
         name for name in {*good, *found} if name != damaged and good.get(name) != found.get(name)
     )

@@ -3,13 +3,13 @@
     python tools/film.py trial film --action -40 35 0.65 60
     python tools/film.py hand films --count 4
 
-A film of a trial shows a cast on the virtual rig. Beside it lie the tags' layout, pictures of a
+A film of a trial shows a cast on the virtual rig. Next to it lie the tags' layout, pictures of a
 calibration board, and the truth (truth.csv), which no camera tells.
 
 In films by hand, somebody without an arm swings the cable over the table: a blue marker shows where
 the hand holds it, or with --tag a tag, and then the hand turns, too; a green marker shows its free
 end. The cable is simulated with other parameters than those of its file, and drawn without blur.
-Beside the films lie the tags' layout, and the parameters that a fit should come near to
+Next to the films lie the tags' layout, and the parameters that a fit should come near to
 (truth.json).
 """
 
@@ -290,7 +290,7 @@ def main(arguments: list[str] | None = None) -> None:
     trial = kinds.add_parser("trial", help=film_one_trial.__doc__)
     trial.set_defaults(make=film_one_trial)
     trial.add_argument("--cable", help="preset or YAML file; that of --setup, or cable_1")
-    trial.add_argument("--setup", type=pathlib.Path, help="lab file; the paper's where missing")
+    trial.add_argument("--setup", type=pathlib.Path, help="lab file; the paper's if not given")
     trial.add_argument(
         "--action",
         type=float,

@@ -170,7 +170,7 @@ def measure(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Frames:
-    """All frames of some clips, beside what geometry alone expects of them.
+    """All frames of some clips, next to what geometry alone expects of them.
 
     Attributes:
         place: Apparent place of the endpoint [m], shape [frame, 2].

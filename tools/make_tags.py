@@ -22,9 +22,9 @@ def main(arguments: list[str] | None = None) -> None:
     """Write pictures of the tags on a table, to print, and their layout as a file to edit."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("out", type=pathlib.Path, help="folder to write to")
-    parser.add_argument("--setup", type=pathlib.Path, help="lab file; the paper's where missing")
+    parser.add_argument("--setup", type=pathlib.Path, help="lab file; the paper's if not given")
     parser.add_argument(
-        "--family", default=FAMILY, help=f"one of {', '.join(TAG_COUNTS)}; {FAMILY} where missing"
+        "--family", default=FAMILY, help=f"one of {', '.join(TAG_COUNTS)}; {FAMILY} if not given"
     )
     args = parser.parse_args(arguments)
     try:

@@ -2,7 +2,7 @@
 
     python tools/try_opencv.py 4.14.0.94
 
-puts that version beside the environment, into build/opencv-VERSION, where nothing else finds it.
+puts that version next to the environment, into build/opencv-VERSION, where nothing else finds it.
 """
 
 import argparse
@@ -19,7 +19,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the tests of camera and vision with another version of OpenCV."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("version", help="version of opencv-python-headless, such as 4.14.0.94")
-    parser.add_argument("tests", nargs="*", default=TESTS, help="tests; all of them where missing")
+    parser.add_argument("tests", nargs="*", default=TESTS, help="tests; all of them if not given")
     args = parser.parse_args(arguments)
     folder = ROOT / "build" / f"opencv-{args.version}"
     if not folder.is_dir():

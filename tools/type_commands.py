@@ -5,7 +5,7 @@
 
 Clones the repository into the folder, and types every line of every block of commands in bash, from
 the root of the clone, with its .venv active. What a page takes from the reader's laboratory (a lab
-file, a rig, films, a log) is made before: MADE. A twin runs beside the rest of its page, `view`
+file, a rig, films, a log) is made before: MADE. A twin runs next to the rest of its page, `view`
 ends when it answers, and pip installs into an environment of its own. What cannot be typed here is
 named with what runs it instead: ELSEWHERE.
 
@@ -213,7 +213,7 @@ class Reader:
     """Somebody who types.
 
     Args:
-        folder: The clone and, beside it, the log.
+        folder: The clone and, next to it, the log.
         later: Commands that contain one of these are left for another run.
     """
 
