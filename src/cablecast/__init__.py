@@ -1,4 +1,4 @@
-"""cablecast: teach a robot arm to throw the free end of a cable onto a target.
+"""cablecast: teach a robot arm to cast the free end of a cable onto a target.
 
 The names below are the public face; each is imported when it is first used, so that `import
 cablecast` costs next to nothing.

@@ -145,12 +145,9 @@ class PolarLandings:
             if self.reach.ahead(pace) not in self._pilots(pace):
                 typical.append(np.inf)
                 continue
-            made = [(cast, action) for cast, action in self._made if action.pace == pace]
-            folds = [self._folded(action, cast.final_xy) for cast, action in made]
             ahead = self.reach.ahead(pace)
-            typical.append(
-                float(np.median(folds or [self._folded(ahead, self._simulated_xy(ahead))]))
-            )
+            simulated = self._folded(ahead, self._simulated_xy(ahead))
+            typical.append(self._folds.get(pace, simulated))
             if typical[-1] < LAID_OUT:
                 return pace
         return SWING_PACES[int(np.argmin(typical))]
@@ -250,8 +247,7 @@ class PolarLandings:
         """
         simulated_xy = self._simulated_xy(cast)
         folded = self._folded(cast, simulated_xy)
-        made = [self._folded(a, c.final_xy) for c, a in self._made if a.pace == cast.pace]
-        if folded > LAID_OUT and np.median(made or [np.inf]) < LAID_OUT:
+        if folded > LAID_OUT and self._folds.get(cast.pace, np.inf) < LAID_OUT:
             return self.reach.end_xy(cast.to_array()), 0.5 * folded
         return simulated_xy, 0.0
 
@@ -286,6 +282,14 @@ class PolarLandings:
     def _made(self) -> list[tuple[Cast, PolarCast]]:
         """The casts that landed, with their motions."""
         return [(cast, cast.action) for cast in self.casts if isinstance(cast.action, PolarCast)]
+
+    @functools.cached_property
+    def _folds(self) -> dict[float, float]:
+        """Median fold of the cable in the casts that were made at each pace [cable lengths]."""
+        folds: dict[float, list[float]] = {}
+        for cast, action in self._made:
+            folds.setdefault(action.pace, []).append(self._folded(action, cast.final_xy))
+        return {pace: float(np.median(own)) for pace, own in folds.items()}
 
     @functools.cached_property
     def _own(self) -> list[tuple[Cast, PolarCast]]:

@@ -25,6 +25,7 @@ from cablecast.errors import (
 )
 from cablecast.evaluation.coverage import R0_CHOICES
 from cablecast.files import read_json, write_bytes
+from cablecast.motion.action import ACTION_SIZE
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import (
     check_actions,
@@ -33,7 +34,7 @@ from cablecast.motion.feasibility import (
     widest_ranges,
 )
 from cablecast.motion.grip_path import GripPath
-from cablecast.motion.limits import Feasibility, check_grip_paths
+from cablecast.motion.limits import check_grip_paths
 from cablecast.motion.polar import PolarCastConfig, PullReach, plan_reset, reset_pose
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.places import require
@@ -381,7 +382,14 @@ def _believed(setup: Setup, seed: int) -> LabCheck:
     )
     offset, lays_out = _swings(setup, members[0])
     found = _simulated(setup, members, seed, lays_out)
-    return dataclasses.replace(found, reset_offset=offset, lays_out=lays_out)
+    drawn = check_actions(_drawn(setup, _CAST_COUNT, seed), setup)
+    return dataclasses.replace(
+        found,
+        followed=float(drawn.mask.mean()),
+        broken=next(iter(drawn.counts()), ""),
+        reset_offset=offset,
+        lays_out=lays_out,
+    )
 
 
 def _swings(setup: Setup, dynamics: Dynamics) -> tuple[float, bool]:
@@ -420,11 +428,11 @@ def _simulated(setup: Setup, members: tuple[Dynamics, ...], seed: int, lays_out:
 
     Polar casts are among them where their swing lays the cable out.
     """
-    actions, drawn = _draw(setup, _CAST_COUNT, seed)
+    actions = _draw(setup, _CAST_COUNT, seed)
     landed, left = zip(
         *(_landings(setup, xy) for xy in _tracks(setup, members, actions)), strict=True
     )
-    slow, _ = _draw(setup, _CALM_COUNT, seed, _CALM_PACES)
+    slow = _draw(setup, _CALM_COUNT, seed, _CALM_PACES)
     calm, _ = _landings(setup, _tracks(setup, members[:1], slow)[0])
     # The motion settings are those of sweeps: changes of them find these again.
     calm = calm[np.isfinite(calm).all(axis=1)]
@@ -436,8 +444,6 @@ def _simulated(setup: Setup, members: tuple[Dynamics, ...], seed: int, lays_out:
         landing_xy=np.array([np.concatenate([one, calm]) for one in landed]),
         calm_xy=calm,
         leaving_xy=left[0],
-        followed=float(drawn.mask.mean()),
-        broken=next(iter(drawn.counts()), ""),
     )
 
 
@@ -467,20 +473,24 @@ def _polar_landings(setup: Setup) -> Array:
     return np.concatenate([right, mirror_xy(right)])
 
 
-def _draw(
-    setup: Setup, count: int, seed: int, pace: tuple[float, float] = (1.0, 1.0)
-) -> tuple[Array, Feasibility]:
-    """Return at most `count` actions that the arm can follow, and the check of all that were drawn.
+def _drawn(setup: Setup, count: int, seed: int, pace: tuple[float, float] = (1.0, 1.0)) -> Array:
+    """Return `_DRAWS` times as many random actions, which the arm may not be able to follow."""
+    return uniform_actions(widest_ranges(setup, pace), _DRAWS * count, stream(seed, "check"))
+
+
+def _draw(setup: Setup, count: int, seed: int, pace: tuple[float, float] = (1.0, 1.0)) -> Array:
+    """Return at most `count` actions that the arm can follow.
 
     Where it can follow few of them, drawing until there are enough would take minutes.
 
     Raises:
         InputError: It can follow none; the error names the limit.
     """
-    drawn = uniform_actions(widest_ranges(setup, pace), _DRAWS * count, stream(seed, "check"))
-    found = check_actions(drawn, setup)
-    actions = drawn[found.mask][:count]
-    return (actions if len(actions) else feasible_uniform(1, setup, seed=seed)), found
+    found = np.empty((0, ACTION_SIZE))
+    for block in np.split(_drawn(setup, count, seed, pace), _DRAWS):
+        if len(found) < count:
+            found = np.concatenate([found, block[check_actions(block, setup).mask]])
+    return found[:count] if len(found) else feasible_uniform(1, setup, seed=seed)
 
 
 def _tracks(setup: Setup, members: tuple[Dynamics, ...], actions: Array) -> Array:

@@ -270,7 +270,10 @@ class TrackObjective:
 
     def __init__(self, engine: Engine, cable: Cable, tracks: MeasuredTracks):
         if not tracks.compared.any():
-            raise InputError("no sample of any track can be compared with a simulation")
+            raise InputError(
+                "no cast has a sample that can be compared with a simulation: each broke off, was "
+                "aborted, or its free end was never seen"
+            )
         self.engine = engine
         self.cable = cable
         self.tracks = tracks
