@@ -22,7 +22,7 @@ from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.arm import RigArm
 from cablecast.rigs.checked import CheckedRig
-from cablecast.rigs.driver import CastAbortedError
+from cablecast.rigs.driver import CastAbortedError, RigPhase
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
 from cablecast.setup import Setup, load_setup, save_setup
@@ -217,6 +217,7 @@ def test_a_motion_that_was_not_carried_out_is_stopped_and_no_data(rig, cast, mon
     rig.reset()
     track = rig.execute(cast)
     assert (track.status, track.note) == (TrialStatus.ABORTED, "a string lags")
+    assert DriverPuppet.made[0].phase is RigPhase.IDLE
     assert not DriverPuppet.made[0].is_moving
     assert not rig.rig.camera.is_filming
 

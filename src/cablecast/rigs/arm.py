@@ -133,6 +133,8 @@ class RigArm(RigLifecycle):
             self.driver.set_phase(RigPhase.READOUT)
         except CastAbortedError as aborted:
             self.camera.cancel()
+            with contextlib.suppress(RigError):
+                self.driver.set_phase(RigPhase.IDLE)
             return EndpointTrack.unseen(TrialStatus.ABORTED, str(aborted))
         except BaseException:
             self.camera.cancel()

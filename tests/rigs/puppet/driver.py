@@ -55,6 +55,7 @@ class DriverPuppet:
 
     def play(self, name: str, curve: JointCurve, phase: RigPhase) -> MotionRecord:
         self.played.append(name)
+        self.phase = phase
         start = self.latest().time
         self.is_moving = True
         for at in itertools.count(1):
@@ -72,7 +73,7 @@ class DriverPuppet:
         self.latest()
 
     def set_phase(self, phase: RigPhase) -> None:
-        pass
+        self.phase = phase
 
     def stop(self) -> None:
         self.is_moving = False
