@@ -72,7 +72,7 @@ def test_a_track_without_any_compared_sample_is_left_out(engine, cable, truth, g
     assert np.isnan(distances.mean[0, 0])
     assert distances.loss[0] == pytest.approx(0.05 * np.sqrt(2), abs=SINGLE)
     nothing = dataclasses.replace(good, endpoint_xy=np.full_like(xy, np.nan))
-    with pytest.raises(InputError, match="no sample"):
+    with pytest.raises(InputError, match="no cast has a sample"):
         TrackObjective(engine, cable, nothing)
 
 

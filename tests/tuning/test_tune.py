@@ -72,7 +72,7 @@ def test_tracks_that_cannot_validate_are_refused_before_the_search(cable, good, 
         validation, endpoint_xy=np.full_like(validation.endpoint_xy, np.nan)
     )
     states = []
-    with pytest.raises(InputError, match="no sample"):
+    with pytest.raises(InputError, match="no cast has a sample"):
         tune_params(Setup(cable=cable), training, blind, engine, SHORT, progress=states.append)
     assert not states
 

@@ -200,8 +200,9 @@ def _again(arguments: list[str]) -> str:
         return ". The same command goes on from what is kept"
     if verb == "train":
         return ". The same command trains anew; the casts are kept"
-    silent = ("twin", "view", "calibrate")  # The last keeps each point as it is typed.
-    return "" if verb in silent else ". Nothing is kept; the same command starts anew"
+    if verb == "calibrate":
+        return ". The same command goes on from points that were typed"
+    return "" if verb in ("twin", "view") else ". Nothing is kept; the same command starts anew"
 
 
 def _refuse(text: str) -> int:

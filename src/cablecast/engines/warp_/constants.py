@@ -232,7 +232,7 @@ def model_constants(
     grip_cells = np.zeros(world_count) if hinged else clamp_cells(values, segment_length)
     joint = None if end is None else (last_ratio, JOINT_CELLS)
     diagonal, lower1, lower2 = filter_factors(bending, mass, dt, joint, grip_cells)
-    yielding, *dashpots = dashpot_factors(bending, damping_time, mass, dt, joint, grip_cells)
+    yielding, *dashpots = dashpot_factors(bending, damping_time, mass, dt, grip_cells, joint)
     torsion = values["twist_stiffness"] / segment_length
     sharp_torsion = SHARP_TORSION * segment_mass * segment_length**2 / dt**2
     # Segments and endpoint are solid cylinders of the cable's radius.

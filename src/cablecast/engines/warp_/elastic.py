@@ -67,8 +67,8 @@ def filter_factors(
     bending: NDArray[np.float64],
     mass: NDArray[np.float64],
     dt: float,
-    joint: tuple[NDArray[np.float64], float] | None,
-    grip_cells: NDArray[np.float64],
+    joint: tuple[NDArray[np.float64], float] | None = None,
+    grip_cells: NDArray[np.float64] | float = 2.0,
 ) -> tuple[NDArray[np.float64], ...]:
     """Factor M + dt^2 K / 12 = L D L^T, with K the stiffness matrix of a nearly straight rod.
 

@@ -58,8 +58,8 @@ def dashpot_factors(
     damping_time: NDArray[np.float64],
     mass: NDArray[np.float64],
     dt: float,
-    joint: tuple[NDArray[np.float64], float] | None,
-    grip_cells: NDArray[np.float64],
+    grip_cells: NDArray[np.float64] | float = 2.0,
+    joint: tuple[NDArray[np.float64], float] | None = None,
 ) -> tuple[NDArray[np.float64], ...]:
     """Factor the matrix of the dashpots (see above).
 
@@ -68,8 +68,8 @@ def dashpot_factors(
         damping_time: Time by which moments lead the bend [s], shape [world].
         mass: Node masses [kg], infinite where held, shape [world, node].
         dt: Step [s].
-        joint: As of `filter_factors`.
         grip_cells: As of `filter_factors`.
+        joint: As of `filter_factors`.
 
     Returns:
         dt l^3 / (T EI) of a whole cell [m/N], shape [world]; then what `factor_band` returns
@@ -80,7 +80,7 @@ def dashpot_factors(
     cells = np.ones_like(mass)
     before, middle, after = (np.full_like(mass, value) for value in (1.0, -2.0, 1.0))
     # A hinge holds no cable with a dashpot.
-    cells[:, 0] = cells[:, -1] = np.where(grip_cells > 0.0, grip_cells, 1.0)
+    cells[:, 0] = cells[:, -1] = np.where(np.asarray(grip_cells) > 0.0, grip_cells, 1.0)
     before[:, 0] = 0.0
     before[:, -1] = np.where(np.isfinite(mass[:, -1]), 0.0, 1.0)
     middle[:, -1] = after[:, -1] = 0.0
