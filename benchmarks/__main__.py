@@ -60,7 +60,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """Module and function of each command, and what it measures."""
 
 QUOTED: dict[str, tuple[str, float]] = {
-    "five-casts": ("casts --rigs virtual --counts 5 --methods aim --targets 36 --equal 3", 1.2),
+    "five-casts": ("casts --rigs virtual --counts 5 --methods aim --targets 18 --equal 3", 1.2),
     "other-physics": (
         "casts --rigs strange patchy example --counts 10 --methods aim --cables cable_1 "
         "--targets 66",
