@@ -137,7 +137,6 @@ def _ask_for_touches(tag_ids: list[int], file: pathlib.Path) -> "dict[int, Point
         print(
             f"{part} keeps what was typed before a stop: an empty line takes the point in brackets"
         )
-    done = False
     try:
         for tag_id in tag_ids:
             point = _ask_for_touch(tag_id, touched.get(tag_id))
@@ -145,13 +144,13 @@ def _ask_for_touches(tag_ids: list[int], file: pathlib.Path) -> "dict[int, Point
                 touched[tag_id] = point
                 rows = [(i, *own) for i, own in touched.items()]
                 write_csv(part, ("tag", "x_m", "y_m", "z_m"), rows)
-        done = True
-    finally:
-        if touched and not done:
+    except BaseException:
+        if touched:
             print(
                 f"\nThe points so far are kept in {part}: the same command goes on; to begin anew, "
                 "delete it"
             )
+        raise
     if touched:
         part.replace(file)
         print(f"The points are kept: --touched {shlex.quote(str(file))} gives them again")

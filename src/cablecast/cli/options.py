@@ -44,9 +44,14 @@ Method = Annotated[
 ]
 
 
-def argument(metavar: str, default: str | None = None, text: str | None = None) -> Any:
-    """Return the entry of an argument in `--help`; `default` describes a default of None."""
-    hint = None if default is None else f"(default: {default})"
+def argument(
+    metavar: str, default: str | None = None, text: str | None = None, hint: str | None = None
+) -> Any:
+    """Return the entry of an argument in `--help`.
+
+    `default` describes a default of None; a hint stands in the place of any default.
+    """
+    hint = hint if default is None else f"(default: {default})"
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint, help=text)
 
 
@@ -55,17 +60,18 @@ def picked(verb: Any, *names: str) -> dict[str, Any]:
     return {name: getattr(verb, name) for name in names}
 
 
-_Places = tuple[tuple[float, float], ...]
+Places = tuple[tuple[float, float], ...]
+"""Targets of a command line, in either form."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TargetOptions:
     """Options of a verb that takes targets."""
 
-    target: Annotated[_Places, tyro.conf.UseAppendAction, argument("R THETA")] = ()
+    target: Annotated[Places, tyro.conf.UseAppendAction, argument("R THETA")] = ()
     """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
     the robot's right. Give it again for more."""
-    target_xy: Annotated[_Places, tyro.conf.UseAppendAction, argument("X Y")] = ()
+    target_xy: Annotated[Places, tyro.conf.UseAppendAction, argument("X Y")] = ()
     """Target in the base frame [m], x to the robot's right and y ahead, in place of --target."""
 
     def targets(self, setup: "Setup", most: int | None = None) -> "NDArray[np.float64]":
@@ -98,29 +104,10 @@ class TargetOptions:
 class AnyTargetOptions(TargetOptions):
     """Options of a verb that takes targets on the table or, of strikes, in the air."""
 
-    target: Annotated[_Places, tyro.conf.UseAppendAction, argument("R THETA")] = ()
+    target: Annotated[Places, tyro.conf.UseAppendAction, argument("R THETA")] = ()
     """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
     the robot's right. That of a strike: distance ahead of the base, and height [m]. Give it again
     for more."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class OneTargetOptions(TargetOptions):
-    """Options of a verb that takes one target."""
-
-    target: Annotated[
-        _Places,
-        tyro.conf.UseAppendAction,
-        tyro.conf.arg(metavar="R THETA", help_behavior_hint="(this or --target-xy)"),
-    ] = ()
-    """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
-    the robot's right."""
-    target_xy: Annotated[
-        _Places,
-        tyro.conf.UseAppendAction,
-        tyro.conf.arg(metavar="X Y", help_behavior_hint="(this or --target)"),
-    ] = ()
-    """Target in the base frame [m], x to the robot's right and y ahead."""
 
 
 def paper_targets(setup: "Setup") -> "NDArray[np.float64]":

@@ -4,9 +4,12 @@ import dataclasses
 import pathlib
 from typing import TYPE_CHECKING, Annotated
 
+import tyro
+
 from cablecast.cli.options import (
     Method,
-    OneTargetOptions,
+    Places,
+    TargetOptions,
     argument,
     load_lab,
     load_policy,
@@ -22,7 +25,7 @@ EXIT_FAR_OFF = 3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PlanVerb(OneTargetOptions):
+class PlanVerb(TargetOptions):
     """Plan the motion that lands the cable's free end on a target.
 
     Prints the action, the predicted landing, the duration of the motion and the peak speeds of the
@@ -30,6 +33,17 @@ class PlanVerb(OneTargetOptions):
     if the best motion is predicted to miss the target by more than --miss-max.
     """
 
+    target: Annotated[
+        Places,
+        tyro.conf.UseAppendAction,
+        argument("R THETA", hint="(this or --target-xy)"),
+    ] = ()
+    """Target: distance from the robot's base [m], and angle from straight ahead [deg], positive to
+    the robot's right."""
+    target_xy: Annotated[
+        Places, tyro.conf.UseAppendAction, argument("X Y", hint="(this or --target)")
+    ] = ()
+    """Target in the base frame [m], x to the robot's right and y ahead."""
     setup: Annotated[pathlib.Path | None, argument("FILE", "that of --model")] = None
     """Lab file that the model must have been trained for; --save needs one with a measured arm."""
     cable: Annotated[str | None, argument("CABLE", "that of --model, or cable_1")] = None

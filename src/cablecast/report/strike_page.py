@@ -66,7 +66,7 @@ def strike_map(tries: Sequence[Sequence[Cast]], setup: Setup) -> "Figure":
         setup: Set-up with a strike section.
     """
     plane = SwingPlane.of(JointMoves.of(setup))
-    shown = _shown(tries)
+    shown = [casts for casts in tries if casts][:_PANELS_MAX]
     columns = min(len(shown), 3)
     rows = -(-len(shown) // max(columns, 1))
     figure = new_figure(PAGE_WIDTH, max(rows, 1) * 3.4 + 0.5)
@@ -88,11 +88,6 @@ def strike_map(tries: Sequence[Sequence[Cast]], setup: Setup) -> "Figure":
         columns=4,
     )
     return figure
-
-
-def _shown(tries: Sequence[Sequence[Cast]]) -> list[Sequence[Cast]]:
-    """Return the casts at the targets that have a panel."""
-    return [casts for casts in tries if casts][:_PANELS_MAX]
 
 
 def _left_out(tries: Sequence[Sequence[Cast]]) -> str:
