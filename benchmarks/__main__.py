@@ -26,7 +26,6 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "stability": ("energy:stability", "worlds over the search space: none may gain energy"),
     "swing": ("energy:swing", "energy that an undamped swing loses, by the step"),
     "validation": ("validation:main", "closed forms, with plots"),
-    "engines": ("engines:main", "rollouts per second and accuracy of every engine"),
     "cosserat": (
         "cosserat:cosserat",
         "another author's tests of rod solvers, with MuJoCo and PyElastica",

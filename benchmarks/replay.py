@@ -11,6 +11,7 @@ physics in both, with one effect after the other: what MuJoCo plays otherwise gr
 
 import abc
 import dataclasses
+import importlib.util
 import pathlib
 import runpy
 import sys
@@ -22,7 +23,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import cablecast as cc
-from benchmarks.common import has
 from benchmarks.result import Table
 from cablecast.cable import Cable, CableParams
 from cablecast.cli.progress import console_progress
@@ -47,15 +47,15 @@ NEWTON_DT, NEWTON_ITERATIONS = 1e-3, 10
 """Step [s], and iterations of a step, of Newton's solver VBD."""
 
 
-def frames(directions: Array, first: Array) -> Array:
+def frames(nodes: Array, first: Array) -> Array:
     """Return frames of segments that do not twist, y along each, shape [segment, 3, 3].
 
     Args:
-        directions: Unit vectors, shape [segment, 3].
+        nodes: Ends of the segments [m], shape [segment + 1, 3].
         first: Frame that the first one is turned from by its yaw and pitch, shape [3, 3].
     """
-    found = []
-    for direction in directions:
+    found, steps = [], np.diff(nodes, axis=0)
+    for direction in steps / np.linalg.norm(steps, axis=1, keepdims=True):
         x, y, z = first.T @ direction
         turn = Rotation.from_euler("ZX", [np.arctan2(-x, y), np.arcsin(np.clip(z, -1.0, 1.0))])
         first = first @ turn.as_matrix()
@@ -162,16 +162,14 @@ class ReplayChain(Replay):
 
     def start(self, nodes: Array, grip: Array) -> None:
         self.data = self.mujoco.MjData(self.model)
-        steps = np.diff(nodes, axis=0)
-        directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
         qpos, before = self.data.qpos, grip
-        for index, frame in enumerate(frames(directions, grip)):
+        for index, frame in enumerate(frames(nodes, grip)):
             yaw, pitch = Rotation.from_matrix(before.T @ frame).as_euler("ZXY")[:2]
             qpos[self.model.joint(f"side_{index}").qposadr] = yaw
             qpos[self.model.joint(f"lift_{index}").qposadr] = pitch
             before = frame
         qpos[:3] = nodes[0]
-        qpos[3:7] = quat_wxyz(grip)
+        qpos[3:7] = Rotation.from_matrix(grip).as_quat(scalar_first=True)
         self.data.mocap_pos[0], self.data.mocap_quat[0] = qpos[:3], qpos[3:7]
         self.mujoco.mj_forward(self.model, self.data)
 
@@ -188,11 +186,6 @@ class ReplayChain(Replay):
     def tip(self) -> Array:
         self.mujoco.mj_kinematics(self.model, self.data)
         return self.data.site("tip").xpos.copy()
-
-
-def quat_wxyz(frame: Array) -> Array:
-    """Return a rotation matrix as a quaternion."""
-    return Rotation.from_matrix(frame).as_quat(scalar_first=True)
 
 
 class ReplayFlex(Replay):
@@ -261,8 +254,7 @@ class ReplayBullet(Replay):
         client = BulletClient()
         self.cable = self.module["Cable"](client, self.urdf)
         self.cable.add_table()
-        steps = np.diff(nodes, axis=0)
-        found = frames(steps / np.linalg.norm(steps, axis=1, keepdims=True), grip)
+        found = frames(nodes, grip)
         before = np.concatenate([grip[None], found[:-1]])
         turns = Rotation.from_matrix(np.swapaxes(before, 1, 2) @ found).as_quat()
         # An attachment goes on as the cable ends.
@@ -313,13 +305,11 @@ class ReplayElastica(Replay):
         self.pose = pose
         behind = nodes[0] - self.module["VALUES"]["segment_length"] * grip[:, 1]
         every = np.vstack([behind, nodes])
-        steps = np.diff(every, axis=0)
-        turned = frames(steps / np.linalg.norm(steps, axis=1, keepdims=True), grip)
         self.rod = self.module["make_rod"](
             behind,
             grip[:, 1] * [1.0, 1.0, 0.0] / np.hypot(*grip[:2, 1]),
             position=every.T,
-            directors=np.stack([self._directors(frame) for frame in turned], axis=-1),
+            directors=np.stack([self._directors(one) for one in frames(every, grip)], axis=-1),
         )
         self._hold(nodes[0], nodes[0], grip)
         self.system = System()
@@ -465,6 +455,11 @@ def fitted_cable(name: str, args: Any) -> tuple[Dataset, Tuned]:
         return casts, cc.tune(casts, out=folder / "tune", progress=progress)
 
 
+def has(library: str) -> bool:
+    """Return True if a library is installed."""
+    return importlib.util.find_spec(library) is not None
+
+
 def players(tuned: Tuned, folder: pathlib.Path) -> Iterator[tuple[str, Callable[[], Replay]]]:
     """Yield the name of each simulator that is installed, and what loads the exported file."""
     name = tuned.setup.cable.name
@@ -495,23 +490,27 @@ COLUMNS = (
 )
 
 
+def median_pct(found: TrackDistances, cable: Cable) -> float:
+    """Return the median distance on the way [% of cable length]."""
+    return 100 * float(np.nanmedian(found.mean)) / cable.length
+
+
 def row(
     cable: Cable, name: str, engine: Any, found: TrackDistances, own: float, seconds: float
 ) -> tuple:
     """Return a row of the table of replays; distances are those of one candidate."""
-    mean, final = 100 * found.mean[0] / cable.length, 100 * found.final[0] / cable.length
-    median = float(np.nanmedian(mean))
+    median, share = median_pct(found, cable), 100 / cable.length
     return (
         cable.name,
         name,
         engine.segment_count,
         1e3 * engine.dt,
         median,
-        median / own if own else 1.0,
-        float(np.nanmean(mean)),
-        float(np.nanmedian(final)),
-        int((~found.finite[0]).sum()),
-        seconds / len(mean),
+        median / own,
+        share * np.nanmean(found.mean),
+        share * np.nanmedian(found.final),
+        int((~found.finite).sum()),
+        seconds / found.mean.size,
     )
 
 
@@ -529,7 +528,7 @@ def main(args: Args) -> Iterator[Table]:
         start = time.process_time()
         found = TrackObjective(engine, cable, tracks).distances(tuned.params)
         seconds = time.process_time() - start
-        own = 100 * float(np.nanmedian(found.mean)) / cable.length
+        own = median_pct(found, cable)
         replays.rows.append(row(cable, "EngineWarp", engine, found, own, seconds))
         for simulator, load in players(tuned, folder):
             start, replay = time.process_time(), load()
@@ -541,12 +540,10 @@ def main(args: Args) -> Iterator[Table]:
             without = dataclasses.replace(tuned.params, **values)
             if without == tuned.params:
                 continue
-            found = TrackObjective(engine, cable, tracks).distances(without)
-            median = 100 * float(np.nanmedian(found.mean)) / cable.length
+            median = median_pct(TrackObjective(engine, cable, tracks).distances(without), cable)
             effects.rows.append((name, effect, median, median / own))
         coarse = make_engine("warp", COARSE)
-        found = TrackObjective(coarse, cable, tracks).distances(tuned.params)
-        median = 100 * float(np.nanmedian(found.mean)) / cable.length
+        median = median_pct(TrackObjective(coarse, cable, tracks).distances(tuned.params), cable)
         effects.rows.append((name, f"segments, but for {COARSE}", median, median / own))
     yield from (replays, effects)
 
