@@ -285,23 +285,19 @@ class Case:
         name: Name for people.
         group: Kind of input.
         arguments: Words after `cablecast`.
-        environment: Variables that differ.
         arrange: Prepares the working folder, a copy of the small results.
-        same_as: Where a damage may have no consequence: returns what differs from the undamaged
-            results, given the folder and the standard output; empty text where nothing.
+        damaged: Name of a damaged file, if there is one: the command refuses it, or the results are
+            those of the undamaged one.
         shell: Command of a shell to run instead.
-        must_fail: Whether the exit status 0 is a fault.
         quiet: Whether no line can be expected, as where there is no standard error.
     """
 
     name: str
     group: str
     arguments: tuple[str, ...]
-    environment: dict[str, str] = dataclasses.field(default_factory=dict)
     arrange: Callable[[pathlib.Path], None] = lambda folder: None
-    same_as: Callable[[pathlib.Path, str], str] | None = None
+    damaged: str = ""
     shell: str = ""
-    must_fail: bool = False
     quiet: bool = False
 
 
@@ -463,7 +459,6 @@ def damage_cases(base: pathlib.Path, rng: random.Random) -> Iterator[Case]:
         base: Folder of the small results.
         rng: Source of chance.
     """
-    good = digests(base)
     for number in itertools.count():
         verb, pattern, without = READS[number % len(READS)]
         files = sorted(file for file in base.glob(pattern) if file.is_file())
@@ -490,20 +485,14 @@ def damage_cases(base: pathlib.Path, rng: random.Random) -> Iterator[Case]:
             if (folder / place).parent.is_dir():
                 (folder / place).write_bytes(bad)
 
-        def same(folder: pathlib.Path, out: str, place: str = place) -> str:
-            return _difference(good, digests(folder), place)
-
         words = (verb.split()[0], *SMALL[verb])
         name = f"{number} {verb}: {place} {label}" + " unfinished" * bool(without)
-        yield Case(name, "damage", words, arrange=arrange, same_as=same)
+        yield Case(name, "damage", words, arrange=arrange, damaged=place)
 
 
-def _difference(good: dict[str, str], found: dict[str, str], damaged: str) -> str:
-    """Return the files that differ from good ones, other than the damaged one itself."""
-    names = sorted(
-        name for name in {*good, *found} if name != damaged and good.get(name) != found.get(name)
-    )
-    return f"results differ: {', '.join(names[:4])}" if names else ""
+def differing(good: dict[str, str], found: dict[str, str]) -> set[str]:
+    """Return the names of the files whose digests differ, or which only one of both has."""
+    return {name for name in {*good, *found} if good.get(name) != found.get(name)}
 
 
 HANG = 120.0
@@ -527,6 +516,7 @@ class Outcome:
         memory: Largest memory of its process [byte].
         out: Standard output.
         err: Standard error.
+        differing: Results that differ from those of an undamaged file.
     """
 
     case: Case
@@ -536,6 +526,7 @@ class Outcome:
     memory: int
     out: str
     err: str
+    differing: list[str]
 
     @property
     def fault(self) -> str | None:
@@ -553,21 +544,19 @@ class Outcome:
             parsed = "full helptext" in self.err
             if len(lines) != 1 and not parsed:
                 return f"{len(lines)} lines"
-        if self.status == 0 and self.case.must_fail:
-            return "believed"
+        if self.differing:
+            return "other results"
         return None
 
 
-def run_case(case: Case, base: pathlib.Path) -> Outcome:
+def run_case(case: Case, base: pathlib.Path, good: dict[str, str]) -> Outcome:
     """Run a case in a process of its own, in a copy of the small results.
 
     Args:
         case: The case.
         base: Folder of the small results.
+        good: Digests of these.
     """
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="attack-"))
-    shutil.copytree(base, folder, dirs_exist_ok=True)
-    case.arrange(folder)
     waited, last, hung = 0.0, time.monotonic(), False
 
     def watch(child: int) -> None:
@@ -579,35 +568,31 @@ def run_case(case: Case, base: pathlib.Path) -> Outcome:
         now = time.monotonic()
         waited, last = waited + min(now - last, 1.0), now
 
-    streams = folder / ".out", folder / ".err"
-    status, usage = in_child(folder, streams, lambda: _command(case), watch)
-    outcome = Outcome(
-        case=case,
-        status=status,
-        seconds=usage.ru_utime + usage.ru_stime,
-        hung=hung,
-        memory=usage.ru_maxrss * 1024,
-        out=streams[0].read_text(errors="replace"),
-        err=streams[1].read_text(errors="replace"),
-    )
-    if outcome.status == 0 and case.same_as is not None and not case.must_fail:
-        changed = case.same_as(folder, outcome.out)
-        if changed:
-            outcome = dataclasses.replace(outcome, err=f"{outcome.err}\nTraceback: {changed}")
-    shutil.rmtree(folder)
-    return outcome
+    with copied(base) as folder:
+        case.arrange(folder)
+        streams = folder.parent / "out", folder.parent / "err"
+        status, usage = in_child(folder, streams, lambda: _command(case), watch)
+        believed = status == 0 and case.damaged
+        return Outcome(
+            case=case,
+            status=status,
+            seconds=usage.ru_utime + usage.ru_stime,
+            hung=hung,
+            memory=usage.ru_maxrss * 1024,
+            out=streams[0].read_text(errors="replace"),
+            err=streams[1].read_text(errors="replace"),
+            differing=sorted(differing(good, digests(folder)) - {case.damaged}) if believed else [],
+        )
 
 
 def _command(case: Case) -> int:
     """Run the command line of a case, and return its exit status."""
     from cablecast.cli import main
 
-    os.environ.update(case.environment)
     if case.shell:
         os.execv("/bin/sh", ["sh", "-c", case.shell])
-    encoding = case.environment.get("PYTHONIOENCODING", "utf-8")
-    sys.stdout = io.TextIOWrapper(io.FileIO(1, "wb", closefd=False), encoding)
-    sys.stderr = io.TextIOWrapper(io.FileIO(2, "wb", closefd=False), encoding, write_through=True)
+    sys.stdout = io.TextIOWrapper(io.FileIO(1, "wb", closefd=False), "utf-8")
+    sys.stderr = io.TextIOWrapper(io.FileIO(2, "wb", closefd=False), "utf-8", write_through=True)
     return main(list(case.arguments))
 
 
@@ -627,13 +612,13 @@ def run_all(cases: list[Case], base: pathlib.Path) -> list[Outcome]:
         cases: The cases.
         base: Folder of the small results.
     """
-    outcomes = []
+    outcomes, good = [], digests(base)
     for number, case in enumerate(cases, start=1):
-        outcome = run_case(case, base)
+        outcome = run_case(case, base, good)
         outcomes.append(outcome)
         if outcome.fault is not None:
             print(f"{outcome.fault}: {case.name}\n  cablecast {' '.join(case.arguments)[:300]!r}")
-            print("  " + "\n  ".join(outcome.err.splitlines()[-6:]))
+            print("  " + "\n  ".join([*outcome.err.splitlines()[-6:], *outcome.differing[:4]]))
         if number % 50 == 0:
             print(f"{number} of {len(cases)} cases", flush=True)
     return outcomes
@@ -676,18 +661,18 @@ class Job:
     Attributes:
         name: Name for people.
         arguments: Words after `cablecast`; empty for the reproduction on a tiny budget.
-        results: Files and folders that it writes.
+        result: File or folder that it writes.
     """
 
     name: str
     arguments: tuple[str, ...]
-    results: tuple[str, ...]
+    result: str
 
 
 def jobs() -> list[Job]:
     """Return each verb on a budget of seconds."""
     found = [
-        Job(name, (name.split()[0], *words), (words[words.index("--out") + 1],))
+        Job(name, (name.split()[0], *words), words[words.index("--out") + 1])
         for name, words in SMALL.items()
         if name not in ("plan", "track", "reproduce")
     ]
@@ -696,10 +681,10 @@ def jobs() -> list[Job]:
     film = ("film.mp4", "--tags", "tags.yaml", "--out", "runs/track")
     return [
         *found,
-        Job("collect virtual", ("collect", *virtual), ("runs/virtual",)),
-        Job("plan", ("plan", *SMALL["plan"], *motion), ("motion.csv",)),
-        Job("track", ("track", *film), ("runs/track",)),
-        Job("reproduce", (), ("runs/reproduce",)),
+        Job("collect virtual", ("collect", *virtual), "runs/virtual"),
+        Job("plan", ("plan", *SMALL["plan"], *motion), "motion.csv"),
+        Job("track", ("track", *film), "runs/track"),
+        Job("reproduce", (), "runs/reproduce"),
     ]
 
 
@@ -787,10 +772,7 @@ def run(
 
 def contents(folder: pathlib.Path, job: Job) -> tuple[dict[str, str], set[str]]:
     """Return a digest of each result that decides something, and the names of all files."""
-    found = {}
-    for result in job.results:
-        for pattern in (result, f"{result}/**/*"):
-            found |= digests(folder, pattern)
+    found = digests(folder, job.result) | digests(folder, f"{job.result}/**/*")
     names = {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
     return found, {name for name in names if "__pycache__" not in name}
 
@@ -836,17 +818,13 @@ def kill_again_and_again(
         if status := run(job, folder):
             return kills, f"status {status}: {last_line(folder)}"
         digest, names = contents(folder, job)
-        differing = sorted(
-            {name for name in {*digest, *good[0]} if digest.get(name) != good[0].get(name)}
-            | (names ^ good[1])
-        )
-        return kills, ", ".join(differing)
+        return kills, ", ".join(sorted(differing(good[0], digest) | (names ^ good[1])))
 
 
 @contextlib.contextmanager
 def copied(base: pathlib.Path) -> Iterator[pathlib.Path]:
     """Yield a copy of a folder, which is deleted afterwards."""
-    with tempfile.TemporaryDirectory(prefix="kill-") as temporary:
+    with tempfile.TemporaryDirectory(prefix="attack-") as temporary:
         folder = pathlib.Path(temporary) / "copy"
         shutil.copytree(base, folder)
         yield folder
@@ -909,8 +887,7 @@ def without_results(base: pathlib.Path, place: pathlib.Path, job: Job) -> pathli
     """Return a copy of the small results without those of a verb, in a folder at a place."""
     folder = place / job.name.replace(" ", "-")
     shutil.copytree(base, folder)
-    for result in job.results:
-        shutil.rmtree(folder / result, ignore_errors=True)
+    shutil.rmtree(folder / job.result, ignore_errors=True)
     return folder
 
 
@@ -946,15 +923,13 @@ def kill_verbs(options: argparse.Namespace, base: pathlib.Path) -> bool:
             # The quick ones come first, and each gets about as much time as any other.
             job = min(chosen, key=lambda job: spent[job.name])
             begun, (wanted, took) = time.monotonic(), good[job.name]
-            count, differing = kill_again_and_again(
-                job, before[job.name], wanted, took, rng, number
-            )
+            count, fault = kill_again_and_again(job, before[job.name], wanted, took, rng, number)
             spent[job.name] += time.monotonic() - begun
             kills[job.name] += count
             runs[job.name] += 1
-            if differing:
+            if fault:
                 faults += 1
-                print(f"{job.name} differs after {count} kills: {differing[:500]}")
+                print(f"{job.name} differs after {count} kills: {fault[:500]}")
             print(f"{sum(kills.values())} kills, the last in {job.name}", flush=True)
     for name in kills:
         print(f"{name}: {kills[name]} kills in {runs[name]} runs of {good[name][1]:.1f} s")

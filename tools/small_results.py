@@ -119,7 +119,7 @@ def _table_of_casts() -> str:
 
 
 # Files that hold times, or are for people only.
-_LOOSE = (".png", ".html", ".md", "stats.json", "stages.json", "model.json", "learning_curve.png")
+_LOOSE = (".png", ".html", ".md", "stats.json", "stages.json", "model.json")
 
 
 def digests(folder: pathlib.Path, pattern: str = "runs/**/*") -> dict[str, str]:
