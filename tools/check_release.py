@@ -14,7 +14,6 @@ constraints.txt.
 import argparse
 import importlib.metadata
 import pathlib
-import re
 import shutil
 import subprocess
 import sys
@@ -25,6 +24,7 @@ import venv
 import zipfile
 
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = pathlib.Path(__file__).parents[1]
 DIST = ROOT / "build" / "dist"
@@ -141,16 +141,15 @@ def dependencies(extras: tuple[str, ...]) -> dict[str, importlib.metadata.Distri
     seen = set()
     while queue:
         name, asked = queue.pop()
-        key = (normal(name), asked)
-        if key in seen:
+        name = canonicalize_name(name)
+        if (name, asked) in seen:
             continue
-        seen.add(key)
+        seen.add((name, asked))
         try:
-            distribution = importlib.metadata.distribution(name)
+            found[name] = distribution = importlib.metadata.distribution(name)
         except importlib.metadata.PackageNotFoundError:
-            found[normal(name)] = None
+            found[name] = None
             continue
-        found[normal(name)] = distribution
         for line in distribution.requires or ():
             requirement = Requirement(line)
             marker = requirement.marker
@@ -158,11 +157,6 @@ def dependencies(extras: tuple[str, ...]) -> dict[str, importlib.metadata.Distri
                 queue.append((requirement.name, tuple(sorted(requirement.extras))))
     found.pop(PACKAGE, None)
     return dict(sorted(found.items()))
-
-
-def normal(name: str) -> str:
-    """Return the name of a distribution as indexes write it."""
-    return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def licence(distribution: importlib.metadata.Distribution) -> str:
