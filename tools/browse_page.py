@@ -140,22 +140,6 @@ class TablePage:
         name = re.compile("^(Correct and (cast|swing) again|Another target)$")
         self.tab.get_by_role("button", name=name, disabled=False).first.wait_for(state="visible")
 
-    def frames_per_second(self, seconds: float = 3.0) -> float:
-        """Return how often the browser draws."""
-        count = self.tab.evaluate(
-            """ms => new Promise(done => {
-                let count = 0; const start = performance.now();
-                const step = () => {
-                    count += 1;
-                    const over = performance.now() - start > ms;
-                    over ? done(count) : requestAnimationFrame(step);
-                };
-                requestAnimationFrame(step);
-            })""",
-            1000 * seconds,
-        )
-        return count / seconds
-
     def hide_notices(self) -> None:
         """Close the browser's own notices, such as that it draws in software."""
         buttons = ".mantine-Notification-closeButton"
