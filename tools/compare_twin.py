@@ -69,8 +69,6 @@ class RigCompared(RigArm):
 
 def casts_of_twin(setup: Setup, actions: np.ndarray, out: pathlib.Path, address: str) -> Dataset:
     """Return casts on a twin."""
-    if setup.robot is None or setup.camera is None:
-        raise SystemExit("the twin's lab file lacks a section")
     robot = dataclasses.replace(setup.robot, address=address)
     camera = dataclasses.replace(setup.camera, **CAMERA)
     setup = dataclasses.replace(setup, robot=robot, camera=camera)

@@ -49,31 +49,19 @@ TURN = 0.5
 """Angle by which a hand with a tag turns [rad]."""
 
 
-def film_trial(
-    setup: Setup, action: Action, seed: int = 0, config: VirtualConfig | None = None
-) -> tuple[FilmedTrial, TrialFilm]:
+def film_trial(setup: Setup, action: Action, seed: int) -> tuple[FilmedTrial, TrialFilm]:
     """Play a cast on the virtual rig and film it.
 
     Args:
         setup: Cable, workspace, arm and motion settings.
         action: Casting motion.
         seed: Seed of what the rig and the camera draw by chance.
-        config: Settings of the laboratory.
     """
-    trajectory = plan_trajectory(action, setup)
-    config = dataclasses.replace(config or VirtualConfig(), sample_dt=RECORD_DT, sensing="exact")
+    config = VirtualConfig(sample_dt=RECORD_DT, sensing="exact")
     with RigVirtual(setup, seed, config) as rig:
         rig.reset()
-        track = rig.execute(trajectory)
-    if track.nodes is None:
-        raise RuntimeError("the virtual rig records nodes")
-    trial = FilmedTrial(
-        cable=setup.cable,
-        times=track.times,
-        nodes=track.nodes,
-        joint_path=track.joint_path or trajectory.joint_path,
-        arm=setup.arm,
-    )
+        track = rig.execute(plan_trajectory(action, setup))
+    trial = FilmedTrial.of(setup, track.times, track.nodes, track.joint_path)
     return trial, VirtualCamera(workspace=setup.workspace).film(trial, seed)
 
 
@@ -166,8 +154,6 @@ def film_hand(
         sample_dt=0.005,
         record_nodes=True,
     )
-    if rollout.nodes is None:
-        raise RuntimeError("the engine records nodes")
     nodes, background = rollout.nodes[0], camera.empty_frame()
     for time in np.arange(0.0, duration, 1.0 / rate):
         index = np.searchsorted(rollout.times, time, side="right") - 1

@@ -14,7 +14,6 @@ from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.arm import REHEARSAL_SLOWNESS
 from cablecast.rigs.path import JointCurve, check_path
-from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.program import HOLD_TIME, motion_program
 from cablecast.rigs.ur.rtde import BEAT
 from cablecast.rigs.ur.twin.controller import Controller
@@ -27,12 +26,8 @@ ACTION = Action(-0.7, 0.6, 0.65, 1.0)
 def plan(kind: str, setup: Setup) -> JointPath:
     """Return the planned path of a reset, or of a cast."""
     if kind == "reset":
-        path = plan_reset(reset_pose(setup.workspace), setup).joint_path
-    else:
-        path = plan_trajectory(ACTION, setup).joint_path
-    if path is None:
-        raise SystemExit(f"the {kind} has no joints")
-    return path
+        return plan_reset(reset_pose(setup.workspace), setup).joint_path
+    return plan_trajectory(ACTION, setup).joint_path
 
 
 def followed(controller: Controller, text: str) -> np.ndarray:
@@ -54,8 +49,6 @@ def main() -> None:
     for kind in ("cast", "rehearsal", "reset"):
         for dt in (0.008, 0.002):
             setup = load_setup(ROOT / "examples" / "twin.yaml").with_motion(control_dt=dt)
-            if not isinstance(setup.robot, RobotUR):
-                raise SystemExit("the twin's lab file has no robot section of a UR")
             path = plan(kind, setup)
             slowness = REHEARSAL_SLOWNESS if kind == "rehearsal" else 1
             curve = JointCurve.fit(path).slowed(slowness)
