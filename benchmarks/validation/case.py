@@ -3,7 +3,7 @@
 import dataclasses
 import pathlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,35 +124,20 @@ class Case:
         """Run the case at its own resolution."""
         return list(self.measure(make, self.segment_count, self.dt))
 
-    def convergence(self, make: MakeEngine = make_warp) -> "Convergence | None":
-        """Return the errors of the first outcome over the ladder, and their slope."""
-        if not self.ladder:
-            return None
-        errors = [outcomes(self.measure(make, *rung))[0].error for rung in self.ladder]
+    def ladder_errors(self, make: MakeEngine = make_warp) -> list[float]:
+        """Return the error of the first outcome at each resolution of the ladder."""
+        return [outcomes(self.measure(make, *rung))[0].error for rung in self.ladder]
+
+    def slope(self, errors: list[float]) -> float:
+        """Return the slope of these errors over step or segment's length, in logarithms."""
         counts, steps = np.array(self.ladder).T
         sizes = steps if steps.max() > steps.min() else 1.0 / counts
-        slope = float(np.polyfit(np.log(sizes), np.log(np.maximum(errors, 1e-15)), 1)[0])
-        return Convergence(ladder=self.ladder, errors=tuple(errors), slope=slope)
+        return float(np.polyfit(np.log(sizes), np.log(np.maximum(errors, 1e-15)), 1)[0])
 
 
 def outcomes(measured: Iterable[Outcome | Curve]) -> list[Outcome]:
     """Return the outcomes among the results of a scene."""
     return [one for one in measured if isinstance(one, Outcome)]
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Convergence:
-    """Decrease of an error over a ladder of resolutions.
-
-    Attributes:
-        ladder: Segments and step [s] of each rung.
-        errors: Relative error on each rung [-].
-        slope: Slope of the error's logarithm over that of the step or of the segment's length.
-    """
-
-    ladder: tuple[tuple[int, float], ...]
-    errors: tuple[float, ...]
-    slope: float
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -163,9 +148,6 @@ class Theme:
     cases: tuple[Case, ...]
 
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 IMAGES = pathlib.PurePosixPath("images/validation")
 OUTCOMES = ("quantity", "unit", "closed form", "engine", "error")
 LADDER = ("segments", "step [ms]", "error of the first row", "slope")
@@ -173,23 +155,22 @@ LADDER = ("segments", "step [ms]", "error of the first row", "slope")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Result:
-    """Results of a case with one engine."""
+    """Results of a case with one engine, and the errors on its ladder."""
 
     case: Case
     outcomes: list[Outcome]
     curves: list[Curve]
-    convergence: Convergence | None
+    ladder_errors: list[float]
 
     @classmethod
     def of(cls, case: Case, make: MakeEngine) -> "Result":
         """Run a case and its ladder."""
         measured = case.run(make)
-        curves = [one for one in measured if isinstance(one, Curve)]
         return cls(
             case=case,
             outcomes=outcomes(measured),
-            curves=curves,
-            convergence=case.convergence(make),
+            curves=[one for one in measured if isinstance(one, Curve)],
+            ladder_errors=case.ladder_errors(make),
         )
 
     @property
@@ -200,12 +181,12 @@ class Result:
 
 def result_tables(result: Result) -> Iterator[Table]:
     """Yield the outcomes of a case, and the errors on its ladder, if it has one."""
-    case, convergence = result.case, result.convergence
+    case, errors = result.case, result.ladder_errors
     rows = [(o.quantity, o.unit, o.exact, o.computed, o.error) for o in result.outcomes]
     yield Table(case.title, OUTCOMES, rows)
-    if convergence is not None:
-        rungs = zip(convergence.ladder, convergence.errors, strict=True)
-        rows = [(count, 1e3 * dt, error, convergence.slope) for (count, dt), error in rungs]
+    if errors:
+        slope, rungs = case.slope(errors), zip(case.ladder, errors, strict=True)
+        rows = [(count, 1e3 * dt, error, slope) for (count, dt), error in rungs]
         yield Table(f"{case.title}: convergence", LADDER, rows)
 
 
@@ -231,7 +212,7 @@ def plot(result: Result) -> bytes:
 
     figure = style.new_figure(5.2, 2.9)
     with style.styled():
-        axes: Axes = figure.subplots()
+        axes = figure.subplots()
         colors = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE)
         for color, curve in zip(colors, result.curves, strict=False):
             axes.plot(curve.x, curve.exact, color=color, linewidth=1.2, alpha=0.6)

@@ -135,7 +135,6 @@ def turned_rod(
         sample_dt=0.8 * duration / 40,
         record_nodes=True,
     )
-    assert rollout.nodes is not None
     heading = yaw(rollout.times)
     edges = np.diff(rollout.nodes[0, ..., :2], axis=1)
     first = np.arctan2(edges[:, 0, 0], edges[:, 0, 1]) - heading
@@ -182,7 +181,6 @@ def creep(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         sample_dt=1.0,
         record_nodes=True,
     )
-    assert rollout.nodes is not None
     # In the first second the free tip, bent more than its weight can hold, straightens.
     moved = np.linalg.norm(rollout.nodes[0, 1:] - rollout.nodes[0, 1], axis=2).max(axis=1)
     times = rollout.times[1:] - 1.0
@@ -352,7 +350,6 @@ def slip_to_roll(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         rollout = make(segment_count, dt).rollout(
             cable, path, state, duration=duration, sample_dt=0.01, record_nodes=True
         )
-        assert rollout.nodes is not None
         node = watched(segment_count)
         x = rollout.nodes[0, :, node, 0]
         label = f"μ = {friction:g}"
@@ -424,7 +421,6 @@ def oblique_slip_to_roll(make: MakeEngine, segment_count: int, dt: float) -> Mea
         sample_dt=0.01,
         record_nodes=True,
     )
-    assert rollout.nodes is not None
     node = watched(segment_count)
     moved = rollout.nodes[0, :, node] - rollout.nodes[0, 0, node]
     exact = position(rollout.times)
@@ -458,7 +454,6 @@ def roll_to_stop(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         rollout = make(segment_count, dt).rollout(
             cable, path, state, duration=1.1, sample_dt=0.025, record_nodes=True
         )
-        assert rollout.nodes is not None
         node = watched(segment_count)
         x = rollout.nodes[0, :, node, 0]
         label = f"ρ = {lever * 1e3:g} mm"

@@ -56,7 +56,6 @@ def free_flight(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         sample_dt=sample_dt,
         record_nodes=True,
     )
-    assert rollout.nodes is not None
     nodes, times = rollout.nodes[0], rollout.times
     mean = np.einsum("n,snc->sc", masses, nodes) / masses.sum()
     # Momentum and spin from the first and the last sample interval, the flight between them.
@@ -112,7 +111,6 @@ def energy_balance(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         sample_dt=dt,
         record_nodes=True,
     )
-    assert rollout.nodes is not None
     clamp = (1.0, 0.0, 0.0)
     kinetic, potential = scenes.energies(rollout.nodes[0], dt, cable, clamp)
     total = kinetic + potential
@@ -233,7 +231,6 @@ def string_decay(make: MakeEngine, segment_count: int, dt: float) -> Measured:
             sample_dt=dt,
             record_nodes=True,
         )
-        assert rollout.nodes is not None
         x = 1e6 * rollout.nodes[0, :, node, 0]
         decay = damping * (LENGTH / REFERENCE_SEGMENT_COUNT) ** 2 / 24 * wave**2
         measured = scenes.fitted_swing(rollout.times, x, omega, decay)[1]

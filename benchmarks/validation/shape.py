@@ -488,7 +488,6 @@ def pushed_ring(make: MakeEngine, segment_count: int, dt: float, turns, push: fl
         far_path=scenes.hold(START, pitch=DOWN),
         record_nodes=True,
     )
-    assert rollout.nodes is not None
     return rollout.times, rollout.nodes
 
 

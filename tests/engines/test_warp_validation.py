@@ -49,7 +49,7 @@ SLOPES = (
 
 @pytest.mark.parametrize("case", [c for c in CASES if c.name in SLOPES], ids=lambda c: c.name)
 def test_the_error_falls_with_the_square_of_the_resolution(case):
-    assert abs(case.convergence().slope - 2.0) < SLOPE_TOLERANCE
+    assert abs(case.slope(case.ladder_errors()) - 2.0) < SLOPE_TOLERANCE
 
 
 def test_names_and_headings_of_cases_differ():
