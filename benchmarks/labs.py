@@ -13,9 +13,10 @@ in --out: the same command resumes where it was stopped.
 
 import collections
 import dataclasses
+import functools
 import pathlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -142,21 +143,27 @@ def drawn_place(setup: cc.Setup, rng: np.random.Generator) -> NDArray[np.float64
             return place
 
 
+def kept(
+    parts: Parts, seed: int, end: float, make: Callable[[], dict[str, Any]]
+) -> dict[str, Any] | None:
+    """Return what became of a laboratory, made where it is not known; None once time is up [s]."""
+    lab = parts.get(f"lab-{seed:03d}")
+    if lab is None and time.monotonic() <= end:
+        lab = plain(make())
+        parts.put(f"lab-{seed:03d}", lab)
+    return lab
+
+
 def labs(args: LabsArgs) -> Iterator[Table]:
     """Yield what becomes of the laboratories and of their targets."""
     end = time.monotonic() + 60.0 * args.minutes
     found = []
     parts = Parts(args.out / code_key(__name__))
     for seed in range(args.count):
-        lab = parts.get(f"lab-{seed:03d}")
+        lab = kept(parts, seed, end, functools.partial(play, seed))
         if lab is None:
-            if time.monotonic() > end:
-                print(
-                    f"{len(found)} of {args.count} laboratories are done: the same command goes on"
-                )
-                break
-            lab = plain(play(seed))
-            parts.put(f"lab-{seed:03d}", lab)
+            print(f"{len(found)} of {args.count} laboratories are done: the same command goes on")
+            break
         found.append(lab)
     yield outcomes(found)
     yield refusals(found)

@@ -140,13 +140,13 @@ def steps(result: Result) -> str:
 def resolutions(table: Table) -> str:
     """Return a row for each resolution in double precision, the default in bold."""
     records = [row for row in table.records() if row["precision"] == "double"]
-    keys, heads = ("segments", "step [ms]"), list(dict.fromkeys((r["cable"],) for r in records))
-    rows = []
-    for segments, step, *cells in pivot(records, keys, ("cable",), heads, median_and_p90):
+    keys, rows = ("segments", "step [ms]"), []
+    names, lines = pivot(records, keys, "cable", median_and_p90)
+    for segments, step, *cells in lines:
         row = (segments, show(float(step)), *cells)
         is_default = (int(segments), row[1]) == (DEFAULT_SEGMENT_COUNT, show(1e3 * DEFAULT_DT))
         rows.append(tuple(f"**{cell}**" for cell in row) if is_default else row)
-    columns = (*keys, *(f"{name}: median / p90 [%]" for (name,) in heads))
+    columns = (*keys, *(f"{name}: median / p90 [%]" for name in names))
     return Table("", columns, rows).markdown()
 
 
@@ -181,14 +181,14 @@ CABLES = {
 def pivot(
     records: Sequence[dict[str, Any]],
     keys: Sequence[str],
-    across: Sequence[str],
-    heads: Sequence[tuple],
+    across: str,
     cell: Callable[[dict[str, Any]], str],
-) -> list[tuple]:
-    """Return rows by some columns of a table, with a cell for each value of others."""
-    cells = {(tuple(r[k] for k in keys), tuple(r[k] for k in across)): cell(r) for r in records}
-    lines = dict.fromkeys(line for line, _ in cells)
-    return [(*map(str, line), *(cells.get((line, head), "") for head in heads)) for line in lines]
+) -> tuple[list[Any], list[tuple]]:
+    """Return the values of a column, and rows by some others with a cell for each of the values."""
+    cells = {(tuple(r[k] for k in keys), r[across]): cell(r) for r in records}
+    lines, heads = (list(dict.fromkeys(part)) for part in zip(*cells, strict=True))
+    rows = [(*map(str, line), *(cells.get((line, head), "") for head in heads)) for line in lines]
+    return heads, rows
 
 
 def varied(records: Sequence[dict[str, Any]], names: Sequence[str]) -> list[str]:
@@ -385,14 +385,13 @@ def strikes(result: Result) -> str:
     records = [row for row in result.tables[0].records() if row["try"] in SHOWN_TRIES]
     if result.name != "irp":
         records = [row for row in records if row["distance"] is not None]
-    heads = [(number,) for number in dict.fromkeys(row["try"] for row in records)]
 
     def cell(row: dict[str, Any]) -> str:
         error = f"{row['mean']:.2f} ({row['low']:.2f} to {row['high']:.2f})"
         return error if row["distance"] is None else f"{error}; {row['distance']:.2f}"
 
-    rows = pivot(records, ("kind", "method", "goals"), ("try",), heads, cell)
-    columns = ("ropes", "method", "goals", *(f"try {number}" for (number,) in heads))
+    numbers, rows = pivot(records, ("kind", "method", "goals"), "try", cell)
+    columns = ("ropes", "method", "goals", *(f"try {number}" for number in numbers))
     return Table("", columns, rows).markdown()
 
 

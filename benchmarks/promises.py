@@ -8,6 +8,7 @@ Each laboratory is kept in --out: the same command resumes where it was stopped.
 """
 
 import dataclasses
+import functools
 import itertools
 import pathlib
 import time
@@ -19,9 +20,9 @@ from numpy.typing import NDArray
 
 import cablecast as cc
 from benchmarks.common import REACHED_BY, hit_share
-from benchmarks.labs import describe, drawn_place
+from benchmarks.labs import describe, drawn_place, kept
 from benchmarks.places import HIT_PCT, MISSED_PCT
-from benchmarks.result import Table, code_key, plain
+from benchmarks.result import Table, code_key
 from cablecast.aiming.propose import hit_chances
 from cablecast.evaluation.evaluate import median_interval
 from cablecast.pipeline.check import LabCheck
@@ -131,14 +132,10 @@ def promises(args: PromisesArgs) -> Iterator[Table]:
     for seed in range(args.first, args.first + 20 * args.count):
         if ran == args.count:
             break
-        lab = parts.get(f"lab-{seed:03d}")
-        if lab is None:
-            if time.monotonic() > end:
-                continue
-            lab = plain(play(args, seed))
-            parts.put(f"lab-{seed:03d}", lab)
-        found.append(lab)
-        ran += not lab["refused"]
+        lab = kept(parts, seed, end, functools.partial(play, args, seed))
+        if lab is not None:
+            found.append(lab)
+            ran += not lab["refused"]
     if ran < args.count:
         print(f"{ran} of {args.count} laboratories are done: the same command goes on")
     rows = [row for lab in found for row in lab["targets"]]
