@@ -58,10 +58,6 @@ class ConvergenceArgs:
     attachments: bool = False
 
 
-def summary(error) -> tuple[float, float, float]:
-    return tuple(float(v) for v in np.percentile(error, [50, 90, 100]))
-
-
 def convergence(args: ConvergenceArgs) -> Iterator[Table]:
     paths = random_casts(args.count, args.seed)
     whole = Table(
@@ -84,7 +80,8 @@ def convergence(args: ConvergenceArgs) -> Iterator[Table]:
         def add(table, reference, segments, dt, precision="double", cable=cable):
             landing = land(cable, paths, segments, dt, precision=precision)
             error = landing_error_pct(landing, reference, cable)
-            table.rows.append((cable.name, segments, dt * 1e3, precision, *summary(error)))
+            of_error = np.percentile(error, [50, 90, 100])
+            table.rows.append((cable.name, segments, dt * 1e3, precision, *of_error))
 
         for segments in (20, 30, 40, 50, 60, 80, 120):
             add(whole, fine, segments, FINE_DT)
@@ -243,14 +240,8 @@ def study(cable: Cable, paths: GripPath, args: SensitivityArgs) -> tuple[list[tu
         # The larger of both directions: near a fold a cast may be insensitive to one of them.
         moved[perturbation] = np.maximum(*distances)
         gain = moved[perturbation] / (100.0 * perturbation.size(cable) / cable.length)
-        rows.append(
-            (
-                cable.name,
-                str(perturbation),
-                *(float(v) for v in np.percentile(moved[perturbation], [50, 90])),
-                *(float(v) for v in np.percentile(gain, [50, 90])),
-            )
-        )
+        percentiles = np.percentile([moved[perturbation], gain], [50, 90], axis=1).T
+        rows.append((cable.name, str(perturbation), *percentiles.ravel()))
     # The small turn and the small bow stay in the linear range; the larger of both is the gain.
     gain = np.maximum(
         *(moved[p] / (100.0 * p.size(cable) / cable.length) for p in PERTURBATIONS[::2])
@@ -265,10 +256,10 @@ def study(cable: Cable, paths: GripPath, args: SensitivityArgs) -> tuple[list[tu
                 cable.name,
                 segment_count,
                 dt * 1e3,
-                *(float(v) for v in np.percentile(error, [50, 90])),
-                float(spearmanr(error, gain)[0]),  # pyright: ignore[reportArgumentType]
-                float(np.percentile(error[sensitive], 90)),
-                float(np.percentile(error[~sensitive], 90)),
+                *np.percentile(error, [50, 90]),
+                spearmanr(error, gain)[0],
+                np.percentile(error[sensitive], 90),
+                np.percentile(error[~sensitive], 90),
             )
         )
     return rows, errors

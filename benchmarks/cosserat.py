@@ -112,7 +112,6 @@ class CablecastSolver:
                 stiffness = rod.material.youngs_modulus * rod.area
                 strain = rollout.forces.tension[0, -1].mean() / (scale * stiffness)
                 start = _stretched(nodes, rod.length * (1.0 + strain))
-        assert rollout.nodes is not None
         shapes = rollout.nodes[0][:n_frames]
         normal = np.asarray(rod.normal, dtype=float)
         directors = np.stack([parallel_transport(shape, normal) for shape in shapes])

@@ -180,7 +180,6 @@ def scan(
             sample_dt=SAMPLE_DT,
             record_nodes=True,
         )
-        assert rollout.nodes is not None
         kinetic, potential = energies(cable, part, paths, rollout.nodes, SAMPLE_DT)
         stopped = rollout.times[:-1] > np.asarray(paths.duration)[:, None]
         gained = growth(kinetic, potential, stopped)
@@ -264,7 +263,6 @@ def swing_losses(
         sample_dt=dt,
         record_nodes=True,
     )
-    assert rollout.nodes is not None
     worlds = CableParams.from_array(np.tile(params.to_array(), (len(pitches), 1)))
     kinetic, potential = energies(cable, worlds, paths, rollout.nodes, dt)
     total, window = kinetic + potential, round(WINDOW / dt)

@@ -206,8 +206,8 @@ def strike(
         repeated = any(one.miss <= WITHIN for one in aim.tries)
         if repeated and not row.impulse:
             # The same swing again.
-            for values, value in ((found[name], found[name][-1]) for name in ("pixel", "distance")):
-                values.append(value)
+            found["pixel"].append(found["pixel"][-1])
+            found["distance"].append(found["distance"][-1])
             found["seconds"].append(0.0)
             continue
         start = time.process_time()
@@ -281,49 +281,27 @@ def tables(args: Args, found: dict[str, dict[str, Any]]) -> Iterator[Table]:
             done = [v for key, v in found.items() if key.startswith(f"{name}-{kind}-")]
             if not done:
                 continue
-            pixel, distance = (
-                100.0 * np.array([v[k] for v in done]) for k in ("pixel", "distance")
-            )
+            pixel = 100.0 * np.array([v["pixel"] for v in done])
+            distance = 100.0 * np.array([v["distance"] for v in done])
             low, high = interval(pixel)
-            for number in range(args.tries):
-                rows.append(
-                    (
-                        kind,
-                        ROWS[name].words,
-                        number,
-                        float(pixel[:, number].mean()),
-                        float(low[number]),
-                        float(high[number]),
-                        float(distance[:, number].mean()),
-                        float(np.median(distance[:, number])),
-                        len(done),
-                    )
-                )
+            for number, (ours, apart) in enumerate(zip(pixel.T, distance.T, strict=True)):
+                errors = (ours.mean(), low[number], high[number], apart.mean(), np.median(apart))
+                rows.append((kind, ROWS[name].words, number, *errors, len(done)))
     with (DATA / "irp_published.csv").open() as file:
         published = {(r["panel"], r["method"], r["stat"]): r for r in csv.DictReader(file)}
     for kind, panel in zip(KINDS, ("interp", "extrap"), strict=True):
         for method in ("IRP", "SysID", "DeltaReg") if "aim" in args.rows else ():
+            stats = [published[panel, method, stat] for stat in ("mean", "ci_lo", "ci_hi")]
             for number in range(args.tries):
-                mean, low, high = (
-                    float(published[panel, method, stat][f"iter{number}"])
-                    for stat in ("mean", "ci_lo", "ci_hi")
-                )
-                rows.append(
-                    (kind, f"published: {method}", number, mean, low, high, None, None, 125)
-                )
+                errors = (float(stat[f"iter{number}"]) for stat in stats)
+                rows.append((kind, f"published: {method}", number, *errors, None, None, 125))
     yield Table("Error of each try [cm], from 0", columns, rows)
     times = []
     for name in args.rows:
         done = [v["seconds"] for key, v in found.items() if key.startswith(f"{name}-")]
         spent = [s for seconds in done for s in seconds[1:] if s > 0.01]
         if spent:
-            times.append(
-                (
-                    ROWS[name].words,
-                    float(np.median(spent)),
-                    *np.percentile(spent, [90, 100]).tolist(),
-                )
-            )
+            times.append((ROWS[name].words, np.median(spent), *np.percentile(spent, [90, 100])))
     yield Table("Time of one core for each try [s]", ("method", "median", "p90", "most"), times)
 
 

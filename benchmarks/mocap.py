@@ -317,7 +317,6 @@ class Player:
             far_path=GripPath.stack([scene.far for scene in scenes]),
             record_nodes=True,
         )
-        assert rollout.nodes is not None
         return np.stack(
             [
                 markers_of(
@@ -370,8 +369,6 @@ def cable_of(length: float, values: dict[str, float]) -> Cable:
         linear_damping=values.get("linear_damping", 0.0),
         angular_damping=values.get("angular_damping", 0.0),
         damping_time=values.get("damping_time", 0.0),
-        rest_curvature=values.get("rest_curvature", 0.0),
-        drag_coefficient=values.get("drag_coefficient", 0.0),
     )
     return Cable(name="mocap", length=length, diameter=0.01, params=params)
 

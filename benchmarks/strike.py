@@ -73,11 +73,6 @@ class Args:
     out: pathlib.Path = pathlib.Path("runs/benchmarks/strike")
 
 
-def setup_of(cable: str) -> Setup:
-    """Return the set-up of `cablecast aim --task strike --cable CABLE`."""
-    return Setup(cable=load_cable(cable), strike=StrikeConfig())
-
-
 def draw_targets(setup: Setup, rig: Any, count: int, seed: int) -> Array:
     """Return places that random moves pass with the true cable [m], shape [target, 2]."""
     from scipy.stats import qmc
@@ -112,7 +107,6 @@ def truth(cast: Cast, goal: Array) -> float:
 
 def floor(rig: Any, cast: Cast, goal: Array, first: int, count: int) -> float:
     """Return the median distance of closest points of equal swings from their mean [m]."""
-    assert cast.action is not None
     trajectory = plan_trajectory(cast.action, rig.setup)
     points = []
     for number in range(count):
@@ -125,7 +119,8 @@ def floor(rig: Any, cast: Cast, goal: Array, first: int, count: int) -> float:
 
 def strike(cable: str, args: Args, folder: pathlib.Path) -> list[dict[str, Any]]:
     """Return seen and true misses [m], floors [m], chances [-] and times [s] of each target."""
-    setup = setup_of(cable)
+    # As `cablecast aim --task strike --cable CABLE` has it.
+    setup = Setup(cable=load_cable(cable), strike=StrikeConfig())
     rig = make_rig(f"virtual:{args.lab}", setup, args.seed)
     config = AimConfig(within_pct=WITHIN_PCT, tries=args.tries, seed=args.seed)
     session = prepare_strike(rig, config, out=folder / cable, progress=ignore)
@@ -139,8 +134,8 @@ def strike(cable: str, args: Args, folder: pathlib.Path) -> list[dict[str, Any]]
     made = []
     for number, goal in enumerate(session.goals(targets)):
         one = functools.partial(_strike_goal, session, rig, goal, args, number)
-        made.append(parts.get_or_make(str(number), one))
-        row = made[-1]
+        row = parts.get_or_make(str(number), one)
+        made.append(row)
         print(cable, number, np.round(100.0 * np.array(row["true"]), 1), file=sys.stderr)
     return made
 
@@ -154,7 +149,6 @@ def _strike_goal(session: Any, rig: Any, goal: Any, args: Args, number: int) -> 
         session.cast(rig, proposal)
     casts = session.casts_at(goal.value)
     length = session.setup.cable.length
-    proposals = [cast.proposal for cast in casts]
     floors: list[float] = []
     for k, cast in enumerate(casts):
         first = (number * args.tries + k) * args.repeats
@@ -168,9 +162,7 @@ def _strike_goal(session: Any, rig: Any, goal: Any, args: Args, number: int) -> 
         "seen": _counted(cast.miss_pct * length / 100.0 for cast in casts),
         "true": _counted(truth(cast, goal.value) for cast in casts),
         "floor": _counted(floors),
-        "inside": [
-            bool(p.expected.holds(c.outcome, 0.9)) for p, c in zip(proposals, casts, strict=True)
-        ],
+        "inside": [bool(cast.proposal.expected.holds(cast.outcome, 0.9)) for cast in casts],
         "seconds": seconds,
     }
 
@@ -189,30 +181,20 @@ def main(args: Args) -> Iterator[Table]:
     columns = ("cable", "try", "median", "low", "high", "mean", "seen", "floor", "held", "targets")
     rows: list[tuple[Any, ...]] = []
     for cable, made in [*found.items(), ("all", [row for of in found.values() for row in of])]:
-        seen, true, floors = (100.0 * np.array([row[k] for row in made]) for k in _KINDS)
-        held = 100.0 * np.mean([row["inside"] for row in made], axis=0)
+        true = 100.0 * np.array([row["true"] for row in made])
+        seen, floors = (np.median([row[k] for row in made], axis=0) for k in ("seen", "floor"))
+        held = np.mean([row["inside"] for row in made], axis=0)
         low, high = interval(true)
-        for number in range(args.tries):
-            rows.append(
-                (
-                    cable,
-                    number + 1,
-                    float(np.median(true[:, number])),
-                    float(low[number]),
-                    float(high[number]),
-                    float(true[:, number].mean()),
-                    float(np.median(seen[:, number])),
-                    float(np.median(floors[:, number])),
-                    float(held[number]),
-                    len(made),
-                )
-            )
+        for k, own in enumerate(true.T):
+            misses = (np.median(own), low[k], high[k], own.mean())
+            others = (100.0 * seen[k], 100.0 * floors[k], 100.0 * held[k])
+            rows.append((cable, k + 1, *misses, *others, len(made)))
     yield Table("Miss of each try [cm], from 1", columns, rows)
     spent = [s for of in found.values() for row in of for s in row["seconds"]]
     yield Table(
         "Time of one core for each plan [s]",
         ("median", "p90", "most"),
-        [(float(np.median(spent)), *np.percentile(spent, [90, 100]).tolist())],
+        [(np.median(spent), *np.percentile(spent, [90, 100]))],
     )
 
 
@@ -222,6 +204,3 @@ def interval(values: Array) -> tuple[Array, Array]:
     rows = rng.integers(len(values), size=(1000, len(values)))
     low, high = np.percentile(np.median(values[rows], axis=1), [2.5, 97.5], axis=0)
     return low, high
-
-
-_KINDS = ("seen", "true", "floor")
