@@ -14,6 +14,7 @@ import io
 import pathlib
 import subprocess
 import tarfile
+import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -213,7 +214,8 @@ def fingerprint(part: str, root: pathlib.Path = ROOT) -> str:
     """
     base = root / "src" / "cablecast" / part
     files = sorted(base.rglob("*.py")) if base.is_dir() else [base.with_suffix(".py")]
-    return _digest([file.read_text() for file in files if file.is_file()])
+    shapes = repr([_shape(ast.parse(file.read_text())) for file in files if file.is_file()])
+    return hashlib.sha256(shapes.encode()).hexdigest()[:12]
 
 
 def code_key(module: str) -> str:
@@ -309,22 +311,12 @@ def fingerprints_at(commit: str, code: Sequence[str]) -> dict[str, str]:
     archive = subprocess.run(
         ["git", "archive", commit, "src/cablecast"], cwd=ROOT, capture_output=True, check=True
     ).stdout
-    texts: dict[str, str] = {}
-    with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
-        for member in sorted(tar.getmembers(), key=lambda m: pathlib.PurePath(m.name)):
-            file = tar.extractfile(member)
-            if file is not None and member.name.endswith(".py"):
-                name = member.name.removeprefix("src/cablecast/").removesuffix(".py")
-                texts[name] = file.read().decode()
-    return {
-        part: _digest([text for name, text in texts.items() if f"{name}/".startswith(f"{part}/")])
-        for part in code
-    }
-
-
-def _digest(sources: list[str]) -> str:
-    shapes = repr([_shape(ast.parse(source)) for source in sources])
-    return hashlib.sha256(shapes.encode()).hexdigest()[:12]
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tarfile.open(fileobj=io.BytesIO(archive)) as tar,
+    ):
+        tar.extractall(folder, filter="data")
+        return {part: fingerprint(part, pathlib.Path(folder)) for part in code}
 
 
 def _shape(node: Any) -> Any:
