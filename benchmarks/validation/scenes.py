@@ -32,18 +32,8 @@ BARE = CableParams(
 
 def make_cable(**params) -> Cable:
     """Return a test cable with these parameters, shared or per world, and all others zero."""
-    worlds = {len(np.atleast_1d(value)) for value in params.values()} - {1}
-    if worlds:
-        (count,) = worlds
-        filled = {**{name: getattr(BARE, name) for name in BARE.names()}, **params}
-        values = {name: np.broadcast_to(value, count).copy() for name, value in filled.items()}
-        return Cable(name="test", length=LENGTH, diameter=2 * RADIUS, params=CableParams(**values))
-    return Cable(
-        name="test",
-        length=LENGTH,
-        diameter=2 * RADIUS,
-        params=dataclasses.replace(BARE, **params),
-    )
+    params = dataclasses.replace(BARE, **params)
+    return Cable(name="test", length=LENGTH, diameter=2 * RADIUS, params=params)
 
 
 def from_edges(edges: ArrayLike, start: ArrayLike) -> NDArray[np.float64]:
@@ -131,18 +121,18 @@ def pieces_along_x(knots: ArrayLike, coefficients: ArrayLike) -> GripPath:
     return GripPath(knots=knots[None], coefficients=filled)
 
 
-def along_x(law, duration: float, height: float = RADIUS) -> GripPath:
+def along_x(law, duration: float) -> GripPath:
     """Return a grip that moves along x on the table by a law."""
 
     def position(times):
         x = law(times)
-        return np.stack([x, 0 * x, np.full_like(x, height)], axis=-1)
+        return np.stack([x, 0 * x, np.full_like(x, RADIUS)], axis=-1)
 
     return fitted(position, duration)
 
 
 def rolls_after(
-    engine: Engine, cable: Cable, path: GripPath, state: CableState, times, **options
+    engine: Engine, cable: Cable, path: GripPath, state: CableState, times
 ) -> NDArray[np.float64]:
     """Return the roll of every segment at given times [rad], shape [step, segment].
 
@@ -150,9 +140,7 @@ def rolls_after(
     """
     rolls = []
     for duration in times:
-        rollout = engine.rollout(
-            cable, path, state, duration=duration, sample_dt=duration, **options
-        )
+        rollout = engine.rollout(cable, path, state, duration=duration, sample_dt=duration)
         rolls.append(rollout.final_state.roll[0])
     return np.array(rolls)
 
@@ -181,7 +169,7 @@ def node_masses(cable: Cable, segment_count: int) -> NDArray[np.float64]:
 
 
 def energies(
-    nodes: NDArray[np.float64], dt: float, cable: Cable, clamp: ArrayLike, gravity: float = GRAVITY
+    nodes: NDArray[np.float64], dt: float, cable: Cable, clamp: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return kinetic energy and potential energy (weight and bending) between samples [J].
 
@@ -190,7 +178,6 @@ def energies(
         dt: Time between samples [s].
         cable: Cable with its masses and bend stiffness.
         clamp: Direction in which the cable leaves the grip, shape [3].
-        gravity: Acceleration of free fall [m/s²].
     """
     count = nodes.shape[1] - 1
     mass = node_masses(cable, count)
@@ -202,5 +189,5 @@ def energies(
     cell = np.full(count, LENGTH / count)
     cell[0] *= 0.5
     bending = (0.5 * float(cable.params.bend_stiffness) * angle**2 / cell).sum(1)
-    potential = bending + gravity * (mass * nodes[..., 2]).sum(1)
+    potential = bending + GRAVITY * (mass * nodes[..., 2]).sum(1)
     return kinetic, 0.5 * (potential[1:] + potential[:-1])

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.validation import scenes
 from benchmarks.validation.case import Case, Curve, MakeEngine, Measured, Outcome
-from benchmarks.validation.scenes import LENGTH, MASS, RADIUS
+from benchmarks.validation.scenes import LENGTH, RADIUS
 from cablecast.cable import Cable
 from cablecast.engines.base import GRAVITY, CableState
 from cablecast.motion.grip_path import GripPath
@@ -251,7 +251,7 @@ def cantilever(make: MakeEngine, segment_count: int, dt: float) -> Measured:
             yield Curve(s, -1e3 * sag(s), nodes[:, 0], 1e3 * nodes[:, 2], label=label)
 
 
-def heavy_elastica(stiffness: float, weight: float, count: int = 2001):
+def heavy_elastica(stiffness: float, weight: float):
     """Return the shape (x, z) of a level clamped cable: EI φ'' = weight (L - s) cos φ."""
     from scipy.integrate import cumulative_trapezoid, solve_bvp
 
@@ -266,7 +266,7 @@ def heavy_elastica(stiffness: float, weight: float, count: int = 2001):
         tol=1e-8,
         max_nodes=20_000,
     )
-    s = np.linspace(0.0, LENGTH, count)
+    s = np.linspace(0.0, LENGTH, 2001)
     angle = solution.sol(s)[0]
     shape = [cumulative_trapezoid(f(angle), s, initial=0.0) for f in (np.cos, np.sin)]
     return np.stack(shape, axis=-1)
@@ -377,15 +377,12 @@ TWIST_HEIGHT = 2.0
 START = (0.0, 0.0, TWIST_HEIGHT)
 
 
-def torsional_rate(stiffness: float, mass: float = MASS) -> float:
-    """Return the speed of a torsion wave in a solid cable [m/s], √(GJ L / (m R² / 2))."""
-    return float(np.sqrt(stiffness * LENGTH / (0.5 * mass * RADIUS**2)))
-
-
 def swing(make: MakeEngine, segment_count: int, dt: float, cable, mode: int):
     """Return the roll of the last segment after release in a mode, at 24 times in 1.2 periods."""
     wave = (mode - 0.5) * np.pi / LENGTH
-    speed = torsional_rate(float(cable.params.twist_stiffness), float(cable.params.mass))
+    # The speed of a torsion wave in a solid cable, √(GJ L / (m R² / 2)).
+    stiffness, mass = float(cable.params.twist_stiffness), float(cable.params.mass)
+    speed = float(np.sqrt(stiffness * LENGTH / (0.5 * mass * RADIUS**2)))
     omega = wave * speed
     middles = scenes.lengthwise(segment_count)
     state = scenes.straight(segment_count, START, (0, 1, 0))
