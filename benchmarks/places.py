@@ -152,7 +152,7 @@ def aimed_misses(
     rows |= {"pace": [], "seconds": [], "floor_pct": []}
     for _ in range(tries):
         proposal = session.propose(target)
-        cast = session.cast(rig, proposal)  # pyright: ignore[reportArgumentType]
+        cast = session.cast(rig, proposal)
         share = proposal.expected.law.probability(cast.square)
         rows["miss_pct"].append(_counted(cast.miss_pct))
         rows["share"].append(share if np.isfinite(share) else None)

@@ -288,10 +288,10 @@ class ReplayElastica(Replay):
     def start(self, nodes: Array, grip: Array) -> None:
         ea, pose = self.ea, {}
 
-        class System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Contact, ea.Damping):  # pyright: ignore[reportUntypedBaseClass]
+        class System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Contact, ea.Damping):
             pass
 
-        class Held(ea.ConstraintBase):  # pyright: ignore[reportUntypedBaseClass]
+        class Held(ea.ConstraintBase):
             """The first element, its two nodes and its frame, moved with the grip."""
 
             def constrain_values(self, system: Any, time: Any) -> None:

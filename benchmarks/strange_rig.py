@@ -218,8 +218,3 @@ def _bent(state: CableState, angle: float, curl: float) -> CableState:
     positions = state.positions.copy()
     positions[0, 1:] = positions[0, 0] + np.cumsum(turned, axis=0)
     return CableState.at_rest(positions)
-
-
-def make_rig(setup: Setup, seed: int) -> StrangeRig:
-    """Make the rig, for `--rig benchmarks.strange_rig:make_rig`."""
-    return StrangeRig(setup, seed)

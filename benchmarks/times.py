@@ -183,7 +183,7 @@ def time_cluster(
         simulate_dataset(folder, Setup(), None, engine, count=count, workers=where, progress=mark)
     finally:
         if workers:
-            ray.shutdown()  # pyright: ignore[reportPossiblyUnboundVariable]
+            ray.shutdown()
     return started, marks[-1] - marks[0]
 
 
