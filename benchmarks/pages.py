@@ -14,6 +14,7 @@ of a result on a page ends with the origin of the data, and says if the code has
 
 import datetime
 import hashlib
+import importlib
 import io
 import os
 import pathlib
@@ -414,25 +415,11 @@ VIEWS: dict[str, Callable[[Result], str]] = {
 }
 
 
-def drawn_misses(result: Result) -> bytes:
-    """Draw misses against tries, or against the number of casts."""
-    from benchmarks.casts import draw
-
-    return draw(result.tables[0].records())
-
-
-def drawn_strikes(result: Result) -> bytes:
-    """Draw errors of strikes against tries."""
-    from benchmarks.irp import draw
-
-    return draw(result.tables[0].records())
-
-
-FIGURES: dict[str, tuple[str, Callable[[Result], bytes]]] = {
-    "docs/images/casts.png": ("five-casts", drawn_misses),
-    "docs/images/irp.png": ("irp", drawn_strikes),
+FIGURES = {
+    "docs/images/casts.png": ("five-casts", "benchmarks.casts"),
+    "docs/images/irp.png": ("irp", "benchmarks.irp"),
 }
-"""Result and drawing of each figure that is drawn from a result, by its path."""
+"""Result of each figure, and the module whose `draw` draws its first table, by the path."""
 
 
 def origin(result: Result, root: pathlib.Path = ROOT) -> str:
@@ -545,10 +532,11 @@ def write_pages() -> int:
         if (now := rendered(text)) != text:
             write_text(ROOT / page, now)
             print(f"written: {page}")
-    for path, (name, draw) in FIGURES.items():
+    for path, (name, module) in FIGURES.items():
         what = f"{name} {digest(name)}"
         if not (ROOT / path).is_file() or signature(ROOT / path) != what:
-            write_bytes(ROOT / path, signed(draw(quoted(name)), what))
+            picture = importlib.import_module(module).draw(quoted(name).tables[0].records())
+            write_bytes(ROOT / path, signed(picture, what))
             print(f"written: {path}")
     kept = {path.stem for path in FOLDER.glob("*.json")}
     shown = set().union(*(quoted_names(read_text(ROOT / page)) for page in PAGES))
