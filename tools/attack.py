@@ -695,19 +695,12 @@ def make_film(folder: pathlib.Path) -> None:
         folder: Folder of the two files.
     """
     import numpy as np
+    from tools.fit_camera_error import clip_trial
 
     from cablecast.rigs.virtual.camera import VirtualCamera
-    from cablecast.rigs.virtual.drawing import FilmedTrial
-    from cablecast.setup import Setup
     from cablecast.vision.video import write_video
 
-    times = np.arange(36) * 0.01
-    grip = np.array([0.0, 0.6])
-    end = np.array([0.0, 1.22]) + np.clip(times / 0.3, 0, 1)[:, None] * [0.3, -0.1]
-    xy = grip + np.linspace(0, 1, 10)[:, None] * (end[:, None] - grip)
-    nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), 0.0055)], axis=-1)
-    trial = FilmedTrial(cable=Setup().cable, times=times, nodes=nodes, joint_path=None)
-    film = VirtualCamera().film(trial, seed=6)
+    film = VirtualCamera().film(clip_trial(np.random.default_rng(6), 0), seed=6)
     write_video(folder / "film.mp4", (film.frame(i) for i in range(film.frame_count)), 60.0)
     film.camera.layout.save(folder / "tags.yaml")
 
