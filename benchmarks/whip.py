@@ -115,7 +115,6 @@ class Search:
         play: Returns the path of the tip of a move [m], shape [step, 3].
         target: Target [m], shape [3].
         seed: Seed of the draws.
-        budget: Number of simulations.
         within: Distance at which the search ends [m].
     """
 
@@ -125,11 +124,10 @@ class Search:
         target: Sequence[float] | Array,
         seed: int,
         *,
-        budget: int = BUDGET,
         within: float = HIT,
     ):
         self.play, self.target = play, np.array(target)
-        self.budget, self.within = budget, within
+        self.within = within
         self.rng = np.random.default_rng(seed)
         self.count = 0
         self.best: Point | None = None
@@ -144,7 +142,6 @@ class Search:
             self.draw()
         except _OverError:
             pass
-        assert self.best is not None
         return self.best
 
     def try_(self, unit: Array) -> Point:
@@ -157,7 +154,7 @@ class Search:
         self.count += 1
         if self.best is None or point.miss < self.best.miss:
             self.best = point
-        if self.best.miss <= self.within or self.count >= self.budget:
+        if self.best.miss <= self.within or self.count >= BUDGET:
             raise _OverError
         return point
 
@@ -243,7 +240,6 @@ class Search:
 
     def draw(self) -> None:
         """Draw moves about the best one until the search is over."""
-        assert self.best is not None
         point, size = self.best, len(self.best.unit)
         covariance, path, deviation, rate = np.eye(size), np.zeros(size), DEVIATION, SUCCESS
         while True:
