@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cablecast.aiming.config import AimConfig
 from cablecast.cli.evaluate import print_table
 from cablecast.cli.options import (
+    EXIT_FALLS_SHORT,
     AnyTargetOptions,
     CableName,
     LabFile,
@@ -101,7 +102,7 @@ class Aim(AimConfig, _Targets):
             print("          shows these swings and makes more")
             return status
         from cablecast.cli.progress import console_progress
-        from cablecast.cli.tries import EXIT_MISSED, TableTries, print_folder, print_medians
+        from cablecast.cli.tries import TableTries, print_folder, print_medians
         from cablecast.data.dataset import read_dataset
         from cablecast.pipeline.aim import (
             REPORT_FILE,
@@ -135,7 +136,7 @@ class Aim(AimConfig, _Targets):
         known_fit = self.params is not None or (out / SESSION_FOLDER).exists()
         targets, beyond = _within_reach(setup, targets, force=config.force or known_fit)
         if not len(targets):
-            return EXIT_MISSED
+            return EXIT_FALLS_SHORT
         casts = None if self.casts is None else read_dataset(self.casts)
         tuned = None if self.params is None else load_tuned(self.params, setup)
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
@@ -158,9 +159,8 @@ class Aim(AimConfig, _Targets):
                 print(f"no cast of {name} is known yet: the simulator has the {values} values")
             tries = TableTries(session)
             result = tries.cast_at(rig, targets)
-            made = any(result.casts)
             evaluation = None
-            if made:
+            if any(result.casts):
                 evaluation = write_aim_report(result, rig, out / REPORT_FOLDER, beyond)
         if len(targets) < _MANY_TARGETS:
             tries.print_result(result, len(beyond))
@@ -174,7 +174,7 @@ class Aim(AimConfig, _Targets):
         print(f"next      {_view_command(self)}")
         print("          shows these casts and makes more; the same command with another --target")
         print("          goes on with all that they tell of the cable")
-        return 0 if result.hit.all() and not beyond else EXIT_MISSED
+        return 0 if result.hit.all() and not beyond else EXIT_FALLS_SHORT
 
 
 def _small_text(within_pct: float, setup: "Setup") -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from cablecast.cli.options import argument
+from cablecast.cli.options import EXIT_FALLS_SHORT, argument
 from cablecast.cli.tables import make_table, print_table
 from cablecast.errors import InputError
 
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from cablecast.vision.check import CameraReport
 
 Task = typing.Literal["check", "sync"]
-
-EXIT_ADVICE = 3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -77,7 +75,7 @@ class CameraVerb:
 
             write_bytes(self.picture, draw_report(report, setup.workspace))
             print(f"picture   {self.picture}")
-        return EXIT_ADVICE if advice else 0
+        return EXIT_FALLS_SHORT if advice else 0
 
     def _pick(self, report: "CameraReport", setup: "Setup") -> None:
         from cablecast.setup import update_lab_file

@@ -5,6 +5,7 @@ import pathlib
 from typing import Annotated
 
 from cablecast.cli.options import (
+    EXIT_FALLS_SHORT,
     AnyTargetOptions,
     ArcRadius,
     CableName,
@@ -66,4 +67,4 @@ class Check(AnyTargetOptions):
         if any(change.kind in ("r0", "v_max") for change in found.changes):
             print("`cablecast select` compares r0 and v_max with all casts of a grid.")
         print(f"picture  {out / PICTURE_FILE}")
-        return 0 if found.reaches_anything else 3
+        return 0 if found.reaches_anything else EXIT_FALLS_SHORT

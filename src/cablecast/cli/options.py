@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from cablecast.rigs.checked import CheckedRig
     from cablecast.setup import Setup
 
+EXIT_FALLS_SHORT = 3
+"""Exit status of a verb whose result falls short."""
+
 Device = typing.Literal["cpu", "cuda"]
 SimulatorDevice = Annotated[
     Device,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cablecast.cli.options import (
+    EXIT_FALLS_SHORT,
     Method,
     Places,
     TargetOptions,
@@ -20,8 +21,6 @@ from cablecast.errors import InputError, check_number
 if TYPE_CHECKING:
     from cablecast.learning.policy import Plan
     from cablecast.motion.trajectory import JointPath
-
-EXIT_FAR_OFF = 3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -91,7 +90,7 @@ class PlanVerb(TargetOptions):
                 f"note: the predicted miss of {miss_pct:.1f} % is above --miss-max "
                 f"{self.miss_max:g} %"
             )
-            return EXIT_FAR_OFF
+            return EXIT_FALLS_SHORT
         return 0
 
 

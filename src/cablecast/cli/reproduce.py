@@ -4,9 +4,7 @@ import dataclasses
 import pathlib
 from typing import Annotated
 
-from cablecast.cli.options import Device, Engine, RigName, Workers, argument
-
-EXIT_OTHER_ORDER = 3
+from cablecast.cli.options import EXIT_FALLS_SHORT, Device, Engine, RigName, Workers, argument
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -65,4 +63,4 @@ class Reproduce:
         print(
             "note: simulated and real casts together do not beat polar casting and real casts alone"
         )
-        return EXIT_OTHER_ORDER
+        return EXIT_FALLS_SHORT

@@ -7,9 +7,9 @@ import numpy as np
 from cablecast.aiming.config import AimConfig
 from cablecast.aiming.strike import OUT_OF_REACH
 from cablecast.aiming.strike_session import check_reach, nearest_point
-from cablecast.cli.options import open_rig
+from cablecast.cli.options import EXIT_FALLS_SHORT, open_rig
 from cablecast.cli.progress import console_progress
-from cablecast.cli.tries import EXIT_MISSED, StrikeTries, print_folder
+from cablecast.cli.tries import StrikeTries, print_folder
 from cablecast.conventions import Array
 from cablecast.errors import InputError, TargetError
 from cablecast.pipeline.aim import REPORT_FOLDER, check_folder
@@ -64,13 +64,13 @@ def aim_strike(options: Any, setup: Setup) -> int:
                 words = "; it swings all the same" if config.force else _HINT
                 print(f"{error}{words * near}", flush=True)
         if not chosen.any():
-            return EXIT_MISSED
+            return EXIT_FALLS_SHORT
         tries = StrikeTries(session)
         result = tries.cast_at(rig, places[chosen])
         write_strike_report(result, rig, out / REPORT_FOLDER, refusals)
     tries.print_result(result, len(refusals))
     print_folder(out, (STRIKE_PICTURE, STRIKE_PAGE))
-    return 0 if result.hit.all() and chosen.all() else EXIT_MISSED
+    return 0 if result.hit.all() and chosen.all() else EXIT_FALLS_SHORT
 
 
 def check_strikes(options: Any, setup: Setup) -> int:
@@ -83,4 +83,4 @@ def check_strikes(options: Any, setup: Setup) -> int:
     for place in places:
         print(f"target   {place[0]:.2f} m ahead, {place[1]:.2f} m high")
         print(f"         {found.words_at(place)}")
-    return EXIT_MISSED if any(found.refusal_at(place) for place in places) else 0
+    return EXIT_FALLS_SHORT if any(found.refusal_at(place) for place in places) else 0

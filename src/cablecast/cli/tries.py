@@ -34,8 +34,6 @@ from cablecast.rigs.checked import CheckedRig
 from cablecast.runs.progress import ignore
 from cablecast.task import Goal
 
-EXIT_MISSED = 3
-
 Session = TypeVar("Session", bound=CastSession)
 
 
