@@ -75,7 +75,7 @@ def test_point_cast_correct_replay_undo(page, drawn):
     page.worker.drain()
     assert "there was another cast meanwhile" in page.worker.state.message
     assert len(desk.tries) == 2
-    page.replay(try_name(desk.tries[0]))
+    page.replay(try_name(desk.tries[0], desk))
     assert page.stage.player.duration == pytest.approx(ShownCast.of_cast(desk.tries[0]).duration)
     page.undo()
     assert "discarded" in desk.message

@@ -20,6 +20,7 @@ from cablecast.cli.options import (
 
 if TYPE_CHECKING:
     from cablecast.setup import Setup
+    from cablecast.view.arm_meshes import ArmMeshes
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -62,13 +63,17 @@ class View(AimConfig):
         from cablecast.cli.options import load_lab, open_rig
         from cablecast.errors import check_count
         from cablecast.runs.places import AIM_FOLDER, STRIKE_FOLDER, cable_folder
+        from cablecast.view.arm_meshes import ArmMeshes
         from cablecast.view.page import serve
 
         check_count("port", self.port, 1, 65535)
         setup = load_lab(self.setup, self.cable, self.task)
         folder = AIM_FOLDER if setup.strike is None else STRIKE_FOLDER
         out = self.out or cable_folder(setup.cable.name) / folder
-        meshes = self.arm_meshes or _own_meshes(self.setup, setup)
+        if self.arm_meshes is not None:
+            meshes = ArmMeshes(self.arm_meshes, setup.arm)
+        else:
+            meshes = _own_meshes(self.setup, setup)
         with open_rig(self.rig, setup, self.seed, out, self.time_limit) as rig:
             serve(
                 rig,
@@ -76,13 +81,13 @@ class View(AimConfig):
                 config=AimConfig.of(self),
                 host=self.host,
                 port=self.port,
-                arm_meshes=meshes,
+                meshes=meshes,
                 ready=lambda at: print(f"the page is at {at} (Ctrl-C ends it)", flush=True),
             )
 
 
-def _own_meshes(lab_file: pathlib.Path | None, setup: "Setup") -> pathlib.Path | None:
-    """Return the description of the arm that a lab file names, if its meshes can be drawn."""
+def _own_meshes(lab_file: pathlib.Path | None, setup: "Setup") -> "ArmMeshes | None":
+    """Return the meshes of the arm that a lab file names, if they can be drawn."""
     from cablecast.errors import CablecastError
     from cablecast.files import read_yaml
     from cablecast.view.arm_meshes import ArmMeshes
@@ -90,9 +95,7 @@ def _own_meshes(lab_file: pathlib.Path | None, setup: "Setup") -> pathlib.Path |
     arm = {} if lab_file is None else read_yaml(lab_file).get("arm")
     if lab_file is None or not isinstance(arm, dict) or "file" not in arm:
         return None
-    path = lab_file.parent / str(arm["file"])
     try:
-        ArmMeshes(path, setup.arm)
+        return ArmMeshes(lab_file.parent / str(arm["file"]), setup.arm)
     except CablecastError:
         return None
-    return path

@@ -3,7 +3,6 @@
 import collections
 import dataclasses
 import functools
-import os
 import pathlib
 import tempfile
 import threading
@@ -215,7 +214,7 @@ class Page:
     def replay(self, name: str) -> None:
         """Show a try again, by its name in the list."""
         for one in self.desk.tries:
-            if try_name(one) == name:
+            if try_name(one, self.desk) == name:
                 self.stage.table.clear()
                 self._mark(one.target_xy)
                 self.stage.play({"measured": ShownCast.of_cast(one)})
@@ -428,7 +427,7 @@ class Page:
             update(tour, visible=bool(steps), content=steps)
             update(tries, visible=bool(desk.tries))
             update(table, content=tries_text(desk))
-            names = tuple(try_name(one) for one in desk.tries) or ("-",)
+            names = tuple(try_name(one, desk) for one in desk.tries) or ("-",)
             if tuple(chosen.options) != names:
                 chosen.options, chosen.value = names, names[-1]
             update(undo, disabled=busy or desk.last is None)
@@ -745,25 +744,22 @@ class LookTab:
 
 def serve(
     rig: CheckedRig,
-    folder: str | os.PathLike[str],
+    folder: pathlib.Path,
     *,
-    config: AimConfig | None = None,
+    config: AimConfig,
     host: str,
     port: int,
-    arm_meshes: str | os.PathLike[str] | None = None,
-    ready: Callable[[str], None] | None = None,
+    meshes: ArmMeshes | None,
+    ready: Callable[[str], None],
 ) -> None:
     """Serve the page of a rig until Ctrl-C, with the session in the folder of `cablecast aim`.
 
     If the port is taken, it is the next free one; `ready` is told the address once the page can be
-    opened. The arm is drawn with the meshes of an MJCF or URDF file, or else as rods.
+    opened. The arm is drawn as rods without meshes.
 
     Raises:
         MissingExtraError: A library of the page is not installed.
-        InputError: The file of meshes shows another arm.
     """
-    meshes = None if arm_meshes is None else ArmMeshes(arm_meshes, rig.setup.arm)
-    folder = pathlib.Path(folder)
     desk, worker = Desk(rig), Worker()
 
     def prepare(report: ProgressCallback) -> None:
@@ -771,8 +767,7 @@ def serve(
 
     page = Page(desk, worker, prepare, folder, host=host, port=port, meshes=meshes)
     try:
-        if ready is not None:
-            ready(page.address)
+        ready(page.address)
         # A real arm may have casts to make, and moves at a click alone.
         is_known = (folder / SESSION_FOLDER).exists() and not page.rig_is_real
         if is_known or not desk.task.moves_first:

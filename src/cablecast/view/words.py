@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from cablecast.cast import Cast, Proposal
-from cablecast.report.strike_page import target_text
 from cablecast.report.tables import markdown_table
 from cablecast.report.tries import REGION_SHARE
 from cablecast.report.words import hit_text, motion_text
@@ -149,11 +148,9 @@ def tries_text(desk: Desk) -> str:
     return markdown_table(("try", "target", "miss"), rows)
 
 
-def try_name(one: Cast) -> str:
+def try_name(one: Cast, desk: Desk) -> str:
     """Return the name of a try in a list."""
-    if one.goal is None:
-        return f"{one.number}"
-    return f"{one.number}: {target_text(one.target_xy, one.goal.setup)}, try {one.try_number}"
+    return f"{one.number}: {desk.task.place(one.target_xy)}, try {one.try_number}"
 
 
 def colors_text() -> str:
