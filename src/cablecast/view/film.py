@@ -55,12 +55,14 @@ KINDS = (".html", ".mp4", ".gif")
 REST = 1.2
 """Time that a cable at rest is shown before the next cast [s]."""
 
+SAMPLES = 2
+"""Pixels are painted this much finer along each side, then averaged."""
+
 _GIF_COLORS = 96
 _GIF_RATE_MAX = 50  # Browsers show a shorter frame of a GIF for a tenth of a second.
 _SWATCH = 20  # Height of the colours that the palette must hold [pixel].
 _SIZE_MAX = 3840
 CAST_COUNT_MAX = 200
-_SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
 _JOINT_RADIUS_MIN = 0.03  # Joints of thinner rods, those of the fingers, are not marked [m].
 _SHADOW = 60  # Darkness of shadows, of 255.
 _SHADOW_SLOPE = np.array([0.12, 0.05, -1.0])  # Shift per height of what casts a shadow.
@@ -144,7 +146,7 @@ class Painter:
     def __init__(self, setup: Setup, width: int, height: int):
         self.setup = setup
         self.size = (width, height)
-        self._view = camera_behind_robot(setup, _SAMPLES * width, _SAMPLES * height)
+        self._view = camera_behind_robot(setup, SAMPLES * width, SAMPLES * height)
         self._backdrop = self._painted_backdrop()
 
     def frame(self, shot: Shot, time: float, tries: Sequence[Shot] = ()) -> Image.Image:
@@ -242,9 +244,9 @@ class Painter:
     def _write(self, pen: Any, text: str) -> None:
         if text:
             place = (self._view.lens.width / 2, self._view.lens.height * 0.94)
-            font = ImageFont.load_default(size=_SAMPLES * max(12, self.size[1] // 30))
+            font = ImageFont.load_default(size=SAMPLES * max(12, self.size[1] // 30))
             # The arm of a polar cast reaches behind it.
-            rim: dict[str, Any] = {"stroke_width": 2 * _SAMPLES, "stroke_fill": WHITE}
+            rim: dict[str, Any] = {"stroke_width": 2 * SAMPLES, "stroke_fill": WHITE}
             pen.text(place, text, fill=INK, font=font, anchor="mm", **rim)
 
     def _depth(self, points: Array) -> Array:
@@ -269,7 +271,7 @@ class Painter:
 
     def _line(self, pen: Any, points: Array, color: tuple[int, ...], width: float) -> None:
         path = self._view.to_image(points)
-        pen.line([tuple(p) for p in path], fill=color, width=max(1, round(width * _SAMPLES)))
+        pen.line([tuple(p) for p in path], fill=color, width=max(1, round(width * SAMPLES)))
 
     def _polygon(self, pen: Any, points: Array, color: Any) -> None:
         path = self._view.to_image(points)
@@ -287,14 +289,11 @@ def film_frames(
 ) -> Iterator[Image.Image]:
     """Yield the pictures of a film; see `write_film`."""
     painter = Painter(setup, config.width, config.height)
-    for number, time in instants(_durations(shots), config, progress):
+    durations = [shot.cast.duration for shot in shots]
+    for number, time in instants(durations, config, progress):
         shot = shots[number]
         same = [one for one in shots[:number] if _same_target(one, shot)]
         yield painter.frame(shot, time, same)
-
-
-def _durations(shots: Sequence[Shot]) -> list[float]:
-    return [shot.cast.duration for shot in shots]
 
 
 def instants(
@@ -368,7 +367,8 @@ def film_html(
         ghost = Figure(server, "/ghost", setup, PURPLE, opacity=0.5, with_arm=False)
         solid.show(shots[0].cast, 0.0)
         serializer = server.get_scene_serializer()
-        for number, time in instants(_durations(shots), config, progress):
+        durations = [shot.cast.duration for shot in shots]
+        for number, time in instants(durations, config, progress):
             shot = shots[number]
             if time == 0.0:
                 ghost.visible = shot.other is not None

@@ -602,7 +602,6 @@ class Player:
     Attributes:
         time: Time that is shown [s].
         speed: Shown seconds per second.
-        frame_count: Number of frames shown so far.
         on_frame: Called with the time [s] at every frame, e.g. to move a slider.
     """
 
@@ -610,7 +609,6 @@ class Player:
         self.time = 0.0
         self.speed = 1.0
         self.playing = False
-        self.frame_count = 0
         self.on_frame: Callable[[float], None] = lambda time: None
         self._rate, self._pause = rate, pause
         self._acts: list[tuple[Any, ShownCast]] = []
@@ -688,7 +686,6 @@ class Player:
     def _draw(self) -> None:
         for figure, cast in self._acts:
             figure.show(cast, self.time)
-        self.frame_count += 1
         self.on_frame(self.time)
 
     def _run(self) -> None:

@@ -20,12 +20,11 @@ from cablecast.runs.folder import RunFolder
 from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
 from cablecast.task import STRIKE
-from cablecast.view.film import CAST_COUNT_MAX, FilmConfig, instants, write_frames
+from cablecast.view.film import CAST_COUNT_MAX, SAMPLES, FilmConfig, instants, write_frames
 from cablecast.view.shapes import ARM, BLUE, GREY, INK, SKY, VERMILLION, WHITE, Array, Color
 
 _MARGIN = 0.15  # About arm, targets and paths [m].
 _ARM_TIMES = 16  # Times at which the arm of a cast is looked at to have it in the picture.
-_SAMPLES = 2  # Pixels are painted this much finer along each side, then averaged.
 _DOT = 0.022  # Radius of the tip, and of a target's inner ring [m].
 
 
@@ -86,13 +85,13 @@ class _Painter:
             places += [path[np.isfinite(path[:, 0])], self._goal(cast)[None]]
         low, high = (extreme(np.concatenate(places), axis=0) for extreme in (np.min, np.max))
         low, high = low - _MARGIN, high + _MARGIN
-        self._scale = _SAMPLES * float(np.min(np.array(self.size) * [1.0, 0.88] / (high - low)))
+        self._scale = SAMPLES * float(np.min(np.array(self.size) * [1.0, 0.88] / (high - low)))
         self._middle = (low + high) / 2.0
 
     def frame(self, cast: Cast, time: float) -> Image.Image:
         """Return the picture of a cast at a time [s]; it stays as it was at the end."""
         width, height = self.size
-        image = Image.new("RGB", (_SAMPLES * width, _SAMPLES * height), WHITE)
+        image = Image.new("RGB", (SAMPLES * width, SAMPLES * height), WHITE)
         pen = ImageDraw.Draw(image)
         track = cast.track
         joints = track.joint_path or cast.joint_path
@@ -124,8 +123,8 @@ class _Painter:
         if over:
             words += f": {'hit, ' * cast.hit}{miss_text(cast)}"
             words += " off" * math.isfinite(cast.miss_pct)
-        font = ImageFont.load_default(size=_SAMPLES * max(12, height // 30))
-        pen.text((_SAMPLES * width / 2, _SAMPLES * height * 0.95), words, INK, font, anchor="mm")
+        font = ImageFont.load_default(size=SAMPLES * max(12, height // 30))
+        pen.text((SAMPLES * width / 2, SAMPLES * height * 0.95), words, INK, font, anchor="mm")
         return image.resize(self.size, Image.Resampling.BOX)
 
     def _arm(self, q: Array) -> Array:
@@ -137,7 +136,7 @@ class _Painter:
         return self.plane.coordinates(cast.target_xy)[:2]
 
     def _pixels(self, places: Array) -> Array:
-        middle = _SAMPLES * np.array(self.size) * [0.5, 0.46]
+        middle = SAMPLES * np.array(self.size) * [0.5, 0.46]
         return middle + self._scale * (np.asarray(places) - self._middle) * [1.0, -1.0]
 
     def _line(self, pen: ImageDraw.ImageDraw, places: Array, color: Color, width: float) -> None:
@@ -155,4 +154,4 @@ class _Painter:
     def _ring(self, pen: ImageDraw.ImageDraw, place: Array, radius: float, color: Color) -> None:
         x, y = self._pixels(place).tolist()
         size = max(self._scale * radius, 2.0)
-        pen.ellipse([x - size, y - size, x + size, y + size], outline=color, width=2 * _SAMPLES)
+        pen.ellipse([x - size, y - size, x + size, y + size], outline=color, width=2 * SAMPLES)
