@@ -322,10 +322,8 @@ def spread_choice(values: NDArray[np.float64], count: int) -> list[int]:
     """
     order = np.argsort(values, kind="stable")
     order = order[np.isfinite(values[order])]
-    if not len(order) or count < 1:
-        return []
-    places = np.linspace(0, len(order) - 1, min(count, len(order)))
-    return [int(order[place]) for place in np.unique(np.round(places).astype(int))]
+    places = np.round(np.linspace(0, len(order) - 1, min(count, len(order))))
+    return order[places.astype(int)].tolist()
 
 
 @styled()

@@ -172,7 +172,7 @@ def player_data(evaluation: Evaluation) -> dict[str, Any]:
     """
     casts = []
     for row, cast in enumerate(evaluation.casts):
-        track, goal = cast.track, cast.goal
+        track, proposal = cast.track, cast.proposal
         nodes = track.nodes
         if nodes is None:
             path = evaluation.motions[row].grip_path
@@ -181,8 +181,8 @@ def player_data(evaluation: Evaluation) -> dict[str, Any]:
         shapes = np.round(1000.0 * nodes[..., :2])
         finite = np.isfinite(shapes).all(axis=(1, 2))
         name = f"target {evaluation.target_index[row]}"
-        if goal is not None:
-            name = f"{place_text(goal.value)}, try {cast.try_number}"
+        if proposal is not None:
+            name = f"{place_text(proposal.goal.value)}, try {proposal.try_number}"
         result = f"{evaluation.errors_pct[row]:.1f} % off"
         result = result if cast.landed else cast.status.code.replace("_", " ")
         one: dict[str, Any] = {
@@ -192,10 +192,10 @@ def player_data(evaluation: Evaluation) -> dict[str, Any]:
             "times": [round(float(time), 3) for time in track.times[finite]],
             "nodes_mm": [shape.ravel().astype(int).tolist() for shape in shapes[finite]],
         }
-        if cast.proposal is not None and goal is not None:
-            outline = cast.proposal.expected.ellipse(REGION_SHARE).outline()
+        if proposal is not None:
+            outline = proposal.expected.ellipse(REGION_SHARE).outline()
             one["region_mm"] = np.round(1000.0 * outline).astype(int).ravel().tolist()
-            one["within_mm"] = round(10.0 * goal.within_pct * evaluation.cable.length)
+            one["within_mm"] = round(10.0 * proposal.goal.within_pct * evaluation.cable.length)
         if finite.any():
             casts.append(one)
     table = evaluation.setup.workspace

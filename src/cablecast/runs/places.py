@@ -45,10 +45,6 @@ _INPUTS = {
 }
 
 
-# In a folder of `aim`.
-_AIM_PARTS = {"simulated": DATASET_FOLDER, "model": MODEL_FOLDER}
-
-
 def check_not_aim(folder: pathlib.Path, part: str, what: str, error: type[CablecastError]) -> None:
     """Refuse a folder of `aim` where a part of it is meant, and name that.
 
@@ -74,7 +70,7 @@ def find_input(
     if folder is not None:
         if not folder.is_dir():
             raise error(f"no {noun} at {folder}: there is no such folder")
-        inner = _AIM_PARTS.get(kind, CALIBRATION_FOLDER)
+        inner = CALIBRATION_FOLDER if noun == "casts" else name
         check_not_aim(folder, inner, f"its {noun}", error)
         return folder
     default = cable_folder(cable_name) / name
