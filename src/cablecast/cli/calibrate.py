@@ -157,7 +157,7 @@ def _ask_for_touches(tag_ids: list[int], file: pathlib.Path) -> "dict[int, Point
     return touched
 
 
-def _ask_for_touch(tag_id: int, before: "Point | None" = None) -> "Point | None":
+def _ask_for_touch(tag_id: int, before: "Point | None") -> "Point | None":
     """Ask the person at the terminal for a touched point [m], until it is one, or that before."""
     shown = "" if before is None else f" ({' '.join(f'{1e3 * value:.2f}' for value in before)})"
     while True:

@@ -6,7 +6,9 @@ from typing import Annotated
 
 import tyro
 
-from cablecast.cli.options import CableName, LabFile, argument, casts_text
+from cablecast.cli.options import CableName, LabFile, argument, casts_text, load_lab
+from cablecast.errors import DatasetError
+from cablecast.runs.places import CALIBRATION_FOLDER, TUNE_FOLDER, cable_folder, check_not_aim
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,9 +49,7 @@ class Export:
             self._export_casts(pathlib.Path(self.dataset))
 
     def _export_cable(self) -> None:
-        from cablecast.cli.options import load_lab
         from cablecast.pipeline.export import export_cable
-        from cablecast.runs.places import TUNE_FOLDER, cable_folder
         from cablecast.tuning.tuned import load_tuned
 
         setup = load_lab(self.setup, self.cable)
@@ -62,9 +62,7 @@ class Export:
     def _export_casts(self, dataset: pathlib.Path) -> None:
         from cablecast.cli.progress import console_progress
         from cablecast.data.dataset import read_dataset
-        from cablecast.errors import DatasetError
         from cablecast.pipeline.export import export_dataset
-        from cablecast.runs.places import CALIBRATION_FOLDER, check_not_aim
 
         check_not_aim(dataset, CALIBRATION_FOLDER, "its data set", DatasetError)
         casts = read_dataset(dataset)

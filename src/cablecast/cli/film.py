@@ -5,7 +5,7 @@ import pathlib
 from typing import Annotated
 
 from cablecast.cli.options import argument, picked
-from cablecast.errors import InputError
+from cablecast.errors import InputError, check_count
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,6 @@ class Film:
         """Read the casts, and write the film."""
         from cablecast.cli.progress import console_progress
         from cablecast.engines.warp_ import EngineWarp
-        from cablecast.errors import check_count
         from cablecast.pipeline.plan import check_writable
         from cablecast.report.words import counted
         from cablecast.view.film import KINDS, FilmConfig, write_film

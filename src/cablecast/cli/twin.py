@@ -72,8 +72,7 @@ def _fault(text: str) -> "Fault":
     name, _, rest = text.partition(":")
     phase, _, after = rest.partition(":")
     try:
-        return Fault(name, phase or "now", float(after or 0.0))
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
+        seconds = float(after or 0.0)
+    except ValueError:
         raise InputError(f"--fault {text[:60]!r} must be NAME[:PHASE[:SECONDS]]") from None
+    return Fault(name, phase or "now", seconds)
