@@ -110,6 +110,16 @@ def test_a_session_that_is_opened_again_knows_its_swings(rig, tmp_path):
     assert proposed.action.speed == pytest.approx(expected.action.speed, abs=1.0)
 
 
+def test_simulated_swings_whose_file_is_damaged_are_simulated_anew(rig, tmp_path):
+    units = opened(rig, tmp_path).prior.units
+    file = tmp_path / "prior.npz"
+    whole = file.read_bytes()
+    for content in (b"", whole[: len(whole) // 2]):
+        file.write_bytes(content)
+        np.testing.assert_array_equal(opened(rig, tmp_path).prior.units, units)
+        assert len(file.read_bytes()) == len(whole)
+
+
 def test_swings_are_of_strikes_and_of_one_set_up(rig, tmp_path):
     session = opened(rig, tmp_path)
     (goal,) = session.goals(TARGET)

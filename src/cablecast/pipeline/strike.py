@@ -4,6 +4,7 @@ import dataclasses
 import io
 import os
 import pathlib
+import zipfile
 from collections.abc import Sequence
 
 import numpy as np
@@ -112,7 +113,7 @@ def _prior(
                     progress(Progress(task=task, note=DONE_NOTE))
                     units, tips = stored["units"], stored["tips"]
                     return StrikePrior(model=model, belief=belief, units=units, tips=tips)
-        except (OSError, ValueError, KeyError):
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             # It is simulated anew.
             pass
     prior = StrikePrior.simulate(
