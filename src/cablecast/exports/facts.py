@@ -70,8 +70,13 @@ class CableModel:
         """Length of a segment [m]."""
         return self.cable.length / self.segment_count
 
+    @property
+    def segment_mass(self) -> float:
+        """Mass of a segment, without the attachment [kg]."""
+        return self.value("mass") / self.segment_count
+
     def value(self, name: str) -> float:
-        """Return a parameter."""
+        """Return a parameter, or the Coulomb coefficient across the cable, `friction`."""
         return float(np.asarray(getattr(self.cable.params, name)))
 
     @functools.cached_property
@@ -87,26 +92,21 @@ class CableModel:
         return [first / (1.0 + self.value("grip_compliance") * first), *others]
 
     @property
-    def friction(self) -> float:
-        """Coulomb coefficient across the cable [-]."""
-        return float(np.asarray(self.cable.params.friction))
-
-    @property
     def attachment_length(self) -> float:
         """Length of an attachment that is a rod [m]; 0 for a point mass."""
         return 1.5 * self.value("attachment_arm") if self.value("endpoint_mass") else 0.0
 
     def intervals(self) -> dict[str, tuple[float, float]]:
         """Return the interval of each parameter that a fit states one of, by name."""
-        if self.posterior is None:
+        posterior = self.posterior
+        if posterior is None:
             return {}
-        draws = self.posterior.draw(DRAW_COUNT)
-        columns = {name: getattr(draws, name) for name in self.posterior.space.names}
-        columns |= _derived(draws)
+        space, best, draws = posterior.space, posterior.params, posterior.draw(DRAW_COUNT)
+        columns = {name: getattr(draws, name) for name in space.names} | _derived(draws)
         outside = 100.0 - INTERVAL_PCT
         # Of a parameter at the end of its range all that is left out is on the other side.
-        means = dict(zip(self.posterior.space.names, self.posterior.mean, strict=True))
-        below = {name: outside * round(means[name]) for name in self.posterior.at_bound}
+        means = dict(zip(space.names, posterior.mean, strict=True))
+        below = {name: outside * round(means[name]) for name in posterior.at_bound}
         found = {}
         for name, values in columns.items():
             tail = below.get(name, 0.5 * outside)
@@ -114,20 +114,13 @@ class CableModel:
             found[name] = (float(low), float(high))
         # Draws follow the product of the two factors along a straight line, far from which it is
         # another one: near the best point it is linear.
-        half = NormalDist().inv_cdf(0.5 + INTERVAL_PCT / 200.0) * self._friction_deviation()
-        middle = float(np.asarray(self.posterior.params.friction))
-        return found | {"friction": (max(middle - half, 0.0), middle + half)}
-
-    def _friction_deviation(self) -> float:
-        """Return the standard deviation of the product of the friction factors [-]."""
-        posterior = self.posterior
-        if posterior is None:
-            return 0.0
-        space, best = posterior.space, posterior.params
         rows = [space.names.index(n) for n in ("lateral_friction", "worksurface_friction")]
         ranges = (space.high - space.low)[rows]
         slopes = ranges * [float(best.worksurface_friction), float(best.lateral_friction)]
-        return float(np.sqrt(slopes @ posterior.covariance[np.ix_(rows, rows)] @ slopes))
+        deviation = float(np.sqrt(slopes @ posterior.covariance[np.ix_(rows, rows)] @ slopes))
+        half = NormalDist().inv_cdf(0.5 + INTERVAL_PCT / 200.0) * deviation
+        middle = float(np.asarray(best.friction))
+        return found | {"friction": (max(middle - half, 0.0), middle + half)}
 
     def lines(self, target: str, dropped: Iterable[str]) -> list[str]:
         """Return the comment at the head of a file, line by line.

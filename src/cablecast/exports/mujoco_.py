@@ -43,8 +43,7 @@ def chain_xml(model: CableModel, *, rolls: bool = False) -> str:
     It rolls as easily as the cable where `rolls` is set; see `NO_ROLLING`.
     """
     value, count, length = model.value, model.segment_count, model.segment_length
-    radius, mass = model.cable.radius, value("mass") / count
-    tail = model.attachment_length
+    radius, mass, tail = model.cable.radius, model.segment_mass, model.attachment_length
     bodies, ends = [], []
     for index in range(count):
         bodies.append(
@@ -72,7 +71,8 @@ def chain_xml(model: CableModel, *, rolls: bool = False) -> str:
         pairs.append(_pair(model, "attachment", arm, value("attachment_friction_ratio")))
     chain = "\n".join([*bodies, tip + "".join(ends)])
     contacts = "\n".join(pairs)
-    return f"""{_comment(model, "MuJoCo (a chain of capsules)", _dropped_by_chain(model))}
+    facts = model.lines("MuJoCo (a chain of capsules)", _dropped_by_chain(model))
+    return f"""{_comment(facts)}
 <mujoco model="{model.cable.name}">
 <compiler angle="radian" autolimits="true"/>
 <option integrator="discrete" timestep="{CHAIN_DT}" cone="elliptic" gravity="0 0 -{GRAVITY}"
@@ -138,8 +138,7 @@ def _armature(model: CableModel) -> float:
     MuJoCo's dry friction creeps the faster the lighter what it holds; the flow is so damped that it
     does not feel this inertia.
     """
-    mass = model.value("mass") / model.segment_count
-    return mass * model.segment_length**2 / 3
+    return model.segment_mass * model.segment_length**2 / 3
 
 
 def _rod(name: str, length: float, radius: float, mass: float, drag: float) -> str:
@@ -172,13 +171,12 @@ def _viscosity(model: CableModel) -> float:
     """
     radius = model.cable.radius
     diameter = 2 / 3 * (3 * radius + 0.5 * model.segment_length)
-    mass = model.value("mass") / model.segment_count
-    return model.value("linear_damping") * mass / (3 * math.pi * diameter)
+    return model.value("linear_damping") * model.segment_mass / (3 * math.pi * diameter)
 
 
 def _pair(model: CableModel, name: str, arm: float, more: float = 1.0) -> str:
     """Return the contact of a capsule with the table, whose first direction is along the cable."""
-    across = model.friction * more
+    across = model.value("friction") * more
     sliding = (across * model.value("friction_ratio"), across)
     turning = (model.value("spinning_friction"), arm, 0.0)
     friction = " ".join(f"{max(v, _LEAST_FRICTION):.6g}" for v in (*sliding, *turning))
@@ -229,15 +227,16 @@ def flex_xml(model: CableModel) -> str:
             "linear_damping: MJCF refuses it to nodes of a flex. Set it after loading: for each "
             "joint node_I_C, model.dof_damping[dof] = linear_damping x the node's mass."
         )
-    grip = (
-        "\n\nThe hand is driven by five actuators, x, y, z, yaw (from y to the right) and pitch:\n"
+    facts = [
+        *model.lines("MuJoCo (a 1-D flex)", dropped),
+        "",
+        "The hand is driven by five actuators, x, y, z, yaw (from y to the right) and pitch:",
         "write data.ctrl = pose + 2 x velocity / w + acceleration / w^2 before each step, "
-        f"w = {SERVO_OMEGA:g} rad/s."
-    )
-    head = _comment(model, "MuJoCo (a 1-D flex)", dropped).replace("\n-->", f"{grip}\n-->")
+        f"w = {SERVO_OMEGA:g} rad/s.",
+    ]
     xml = rod_model(model.cable, model.segment_count, FLEX_DT, GRAVITY, held=False, values=True)
-    return f"{head}\n{xml}\n"
+    return f"{_comment(facts)}\n{xml}\n"
 
 
-def _comment(model: CableModel, target: str, dropped: list[str]) -> str:
-    return f"<!--\n{comment(model.lines(target, dropped))}\n-->"
+def _comment(lines: list[str]) -> str:
+    return f"<!--\n{comment(lines)}\n-->"

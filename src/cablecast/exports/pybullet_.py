@@ -21,8 +21,7 @@ _GRIP_MASS, _GRIP_INERTIA = 1.0, 1e-2
 
 def step(model: CableModel) -> float:
     """Return the longest step [s], 1/480 s halved as often as needed, that bears the moments."""
-    mass = model.value("mass") / model.segment_count
-    wave = 16.0 * model.value("bend_stiffness") / (mass * model.segment_length**3)
+    wave = 16.0 * model.value("bend_stiffness") / (model.segment_mass * model.segment_length**3)
     dt = LONGEST_DT
     while wave * dt**2 > STABLE or wave * model.value("damping_time") * dt > STABLE:
         dt /= 2.0
@@ -31,9 +30,8 @@ def step(model: CableModel) -> float:
 
 def urdf(model: CableModel) -> str:
     """Return a cable as URDF, straight along y from the grip, which five joints move."""
-    length, radius, mass = model.segment_length, model.cable.radius, model.value("mass")
-    links, joints = [_link("base", 0.0, 0.0, 0.0, radius)], []
-    parent = "base"
+    radius, parent = model.cable.radius, "base"
+    links, joints = [_link(parent, 0.0, 0.0, 0.0, radius)], []
     for name, kind, axis in (
         ("x", "prismatic", "1 0 0"),
         ("y", "prismatic", "0 1 0"),
@@ -41,15 +39,11 @@ def urdf(model: CableModel) -> str:
         ("yaw", "continuous", "0 0 -1"),
         ("pitch", "continuous", "1 0 0"),
     ):
-        links.append(_link(f"grip_{name}", _GRIP_MASS, _GRIP_INERTIA, 0.0, radius))
-        limit = '<limit lower="-9" upper="9" effort="1e6" velocity="1e3"/>'
-        joints.append(
-            f'<joint name="grip_{name}" type="{kind}"><parent link="{parent}"/><child '
-            f'link="grip_{name}"/><axis xyz="{axis}"/>'
-            f"{limit if kind == 'prismatic' else ''}</joint>"
-        )
-        parent = f"grip_{name}"
-    parts = [(length, mass / model.segment_count)] * model.segment_count
+        grip = f"grip_{name}"
+        links.append(_link(grip, _GRIP_MASS, _GRIP_INERTIA, 0.0, radius))
+        joints.append(_joint(grip, kind, parent, grip, 0.0, axis))
+        parent = grip
+    parts = [(model.segment_length, model.segment_mass)] * model.segment_count
     if model.attachment_length:
         parts.append((model.attachment_length, model.value("endpoint_mass")))
     at = 0.0
@@ -88,19 +82,20 @@ def _link(name: str, mass: float, inertia: float, length: float, radius: float) 
     )
 
 
-def _joint(name: str, kind: str, parent: str, child: str, at: float) -> str:
+def _joint(name: str, kind: str, parent: str, child: str, at: float, axis: str = "0 1 0") -> str:
+    limit = '<limit lower="-9" upper="9" effort="1e6" velocity="1e3"/>'
     return (
         f'<joint name="{name}" type="{kind}"><origin xyz="0 {at:.9g} 0"/><parent link="{parent}"/>'
-        f'<child link="{child}"/><axis xyz="0 1 0"/></joint>'
+        f'<child link="{child}"/><axis xyz="{axis}"/>{limit if kind == "prismatic" else ""}</joint>'
     )
 
 
 def springs(model: CableModel) -> str:
     """Return the script that loads the URDF file, sets its contacts, and applies its springs."""
     value, cells = model.value, model.cells
-    friction = [model.friction] * model.segment_count
+    friction = [value("friction")] * model.segment_count
     if model.attachment_length:
-        friction.append(model.friction * value("attachment_friction_ratio"))
+        friction.append(value("friction") * value("attachment_friction_ratio"))
     bend, limit = model.springs, value("bend_stiffness") * value("yield_curvature")
     values: dict[str, Any] = {
         "urdf": f"{model.cable.name}.urdf",

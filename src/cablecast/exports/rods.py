@@ -36,8 +36,8 @@ def newton(model: CableModel) -> str:
 
 def elastica(model: CableModel) -> str:
     """Return the script that makes a cable a rod of PyElastica."""
-    length, mass = model.segment_length, model.value("mass") / model.segment_count
-    inertia = 0.25 * mass * model.cable.radius**2
+    length = model.segment_length
+    inertia = 0.25 * model.segment_mass * model.cable.radius**2
     bending = 4.0 * max(model.value("bend_stiffness"), model.value("twist_stiffness")) / length
     rate = math.sqrt((STRETCH_RIGIDITY * length + bending) / inertia)
     values = _values(model) | {
@@ -46,7 +46,7 @@ def elastica(model: CableModel) -> str:
         "friction_ratio": model.value("friction_ratio"),
         "linear_damping": model.value("linear_damping"),
         "angular_damping": model.value("angular_damping"),
-        "roll_inertia": 0.5 * mass * model.cable.radius**2,
+        "roll_inertia": 2.0 * inertia,
         "dt": float(f"{SHEAR_STEP / rate:.1g}"),
     }
     dropped = _dropped(model, ("spinning_friction", "rolling_friction", "damping_time"))
@@ -56,16 +56,15 @@ def elastica(model: CableModel) -> str:
 
 
 def _values(model: CableModel) -> dict[str, Any]:
-    names = ("bend_stiffness", "twist_stiffness", "endpoint_mass", "damping_time")
+    names = ("bend_stiffness", "twist_stiffness", "endpoint_mass", "damping_time", "friction")
     names += ("spinning_friction", "rolling_friction")
     return {
         "segment_count": model.segment_count,
         "segment_length": model.segment_length,
         "radius": model.cable.radius,
-        "segment_mass": model.value("mass") / model.segment_count,
+        "segment_mass": model.segment_mass,
         "stretch_rigidity": STRETCH_RIGIDITY,
         "contact_stiffness": CONTACT_STIFFNESS,
-        "friction": model.friction,
         **{name: model.value(name) for name in names},
     }
 
