@@ -183,17 +183,6 @@ def test_the_command_imports_a_take(tmp_path, capsys):
     assert len(read_dataset(tmp_path / "out")) == 1
 
 
-def test_a_track_for_a_rig_starts_at_a_time_of_the_take(tmp_path):
-    times, points = cast()
-    frame = MocapFrame.load(write_points(tmp_path / "points.csv"))
-    take = Take.load(write_motive(tmp_path / "take.csv", times, points), frame)
-    track = take.track("end", SETUP.workspace, start=WAIT)
-    assert track.status is TrialStatus.OK
-    assert track.endpoint_xy[0] == pytest.approx(points["end"][120, :2], abs=PLACE)
-    with pytest.raises(InputError, match="start = 9 s"):
-        take.track("end", SETUP.workspace, start=9.0)
-
-
 @pytest.mark.parametrize("ending", ["", "\n\n"])
 def test_sections_without_rows_are_passed_over_and_hold_no_positions(ending, tmp_path):
     take = write_vicon(tmp_path / "take.csv", *cast())

@@ -8,11 +8,9 @@ import pathlib
 import numpy as np
 
 from cablecast.camera.tags import rigid_fit
-from cablecast.cast import EndpointTrack
 from cablecast.conventions import Array
-from cablecast.errors import InputError, check_number
+from cablecast.errors import InputError
 from cablecast.files import JSON_SIZE_MAX, cells_of, read_numbers, read_text
-from cablecast.vision.tracker import track_samples
 from cablecast.workspace import Workspace
 
 _UNITS = {"meters": 1.0, "m": 1.0, "centimeters": 0.01, "cm": 0.01, "millimeters": 1e-3, "mm": 1e-3}
@@ -117,16 +115,6 @@ class Take:
             else f"no point {name[:40]!r}, of"
         )
         raise InputError(f"{self.path} has {what} {names}")
-
-    def track(self, end: str, workspace: Workspace, start: float = 0.0) -> EndpointTrack:
-        """Return the track of the cable's end, every 100 ms since a time of the take [s]."""
-        check_number("start", start, self.times[0], self.times[-1], "s")
-        count = int((self.times[-1] - start) / 0.1 + 1e-6) + 1
-        sample_times = 0.1 * np.arange(count, dtype=np.float64)
-        xy, status = track_samples(
-            self.times - start, self.point(end)[:, :2], sample_times, workspace
-        )
-        return EndpointTrack(times=sample_times, endpoint_xy=xy, status=status)
 
 
 def take_files(folder: pathlib.Path) -> list[pathlib.Path]:
