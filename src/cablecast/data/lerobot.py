@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.arm.base import Arm
 from cablecast.cast import TrialStatus
 from cablecast.conventions import Array
 from cablecast.data.dataset import Dataset
@@ -65,12 +64,6 @@ _FEATURES: dict[str, dict[str, Any]] = {
     "task_index": {"dtype": "int64", "shape": [1], "names": None},
 }
 """Features of a frame; those of the joints have as many values as the arm has joints."""
-
-
-def _features(arm: Arm) -> dict[str, dict[str, Any]]:
-    joints = {"shape": [arm.joint_count], "names": list(arm.joint_names)}
-    return {name: {**joints, **feature} for name, feature in _FEATURES.items()}
-
 
 Episode = dict[str, NDArray]
 """Values of each feature of one cast, each of shape [frame, ...]."""
@@ -134,12 +127,10 @@ class Video:
     Attributes:
         size: Height and width [pixel].
         colors: Number of pixels of each value of red, green and blue, shape [episode, 3, 256].
-        frame_counts: Number of frames of each episode.
     """
 
     size: tuple[int, int]
     colors: NDArray[np.int64]
-    frame_counts: tuple[int, ...]
 
     def statistics(self, episode: int | None = None) -> dict[str, Any]:
         """Return what LeRobot keeps of an episode's pictures, or of all, in shares of white.
@@ -159,7 +150,8 @@ class Video:
             "std": np.sqrt(np.maximum(share @ values**2 - mean**2, 0.0)),
             **{k: values[np.argmax(below >= q, axis=1)] for k, q in _QUANTILES.items()},
         }
-        frames = {"count": [sum(self.frame_counts[rows])]}
+        height, width = self.size
+        frames = {"count": [int(counts[0].sum()) // (height * width)]}
         return {name: row.reshape(3, 1, 1).tolist() for name, row in stats.items()} | frames
 
 
@@ -198,7 +190,9 @@ def write_tables(
     table = pa.table({"task_index": pa.array(range(len(tasks)), pa.int64()), "task": list(tasks)})
     table = table.replace_schema_metadata({"pandas": json.dumps(_TASKS_INDEX)})
     pq.write_table(table, folder / TASKS_FILE)
-    features = _features(dataset.setup.arm)
+    arm = dataset.setup.arm
+    joints = {"shape": [arm.joint_count], "names": list(arm.joint_names)}
+    features = {name: {**joints, **feature} for name, feature in _FEATURES.items()}
     if video is not None:
         features[VIDEO_KEY] = {
             "dtype": "video",
@@ -217,7 +211,7 @@ def write_tables(
         }
     info = {
         "codebase_version": VERSION,
-        "robot_type": dataset.setup.arm.model,
+        "robot_type": arm.model,
         "total_episodes": len(episodes),
         "total_frames": len(joined["index"]),
         "total_tasks": len(tasks),

@@ -154,8 +154,7 @@ def _join_films(
 
     write_video(file, frames(), fps)
     progress(Progress(task="Joining films", done=total, total=total, unit="casts"))
-    counts = tuple(len(episode["index"]) for episode in episodes)
-    return Video(size=sizes[0], colors=colors, frame_counts=counts)
+    return Video(size=sizes[0], colors=colors)
 
 
 def _film_frames(path: pathlib.Path, count: int, fps: int) -> Iterator[Image]:
