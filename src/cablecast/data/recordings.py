@@ -401,10 +401,9 @@ def _joint_path(
     if known is None or not np.any(known):
         return None
     times, q = columns[TIME_COLUMN][known], np.stack([columns[n][known] for n in names], axis=-1)
-    if len(q) == 1:
-        return JointPath(times=times, q=q, qd=np.zeros_like(q))
     _check_gaps(f"{where}: the joints moved", times, q)
-    return JointPath(times=times, q=q, qd=np.gradient(q, times, axis=0))
+    qd = np.gradient(q, times, axis=0) if len(q) > 1 else np.zeros_like(q)
+    return JointPath(times=times, q=q, qd=qd)
 
 
 def _check_gaps(what: str, times: Array, values: Array) -> None:
@@ -459,14 +458,13 @@ def _grip(
 
 def _action(columns: dict[str, Array]) -> Action | None:
     """Return the first action that is stated; None without one."""
-    if ACTION_COLUMNS[0] in columns:
-        stated = [columns[column] for column in ACTION_COLUMNS]
-        pace = columns.get(PACE_COLUMN, np.ones(len(stated[0])))
-        stated = np.stack([*stated, np.nan_to_num(pace, nan=1.0)], axis=-1)
-        stated = stated[np.all(np.isfinite(stated), axis=1)]
-        if len(stated):
-            return Action.from_array(stated[0])
-    return None
+    if ACTION_COLUMNS[0] not in columns:
+        return None
+    stated = [columns[column] for column in ACTION_COLUMNS]
+    pace = columns.get(PACE_COLUMN, np.ones(len(stated[0])))
+    stated = np.stack([*stated, np.nan_to_num(pace, nan=1.0)], axis=-1)
+    stated = stated[np.all(np.isfinite(stated), axis=1)]
+    return Action.from_array(stated[0]) if len(stated) else None
 
 
 def _status(times: Array, xy: Array, workspace: Workspace) -> TrialStatus:

@@ -161,27 +161,28 @@ def calibrate_table(
     require_camera(setup)
     fit = fit_table(tags_of(setup), touched)
     off = fit.base_height - setup.arm.base_height
-    if write and abs(off) > _HEIGHT_OFF_MAX:
+    if not write:
+        return fit
+    if abs(off) > _HEIGHT_OFF_MAX:
         # Touches with the tip of another tool agree as well, at another height.
         raise InputError(
             f"the touches put the base {fit.base_height:.3f} m above the table, and the lab file "
             f"{setup.arm.base_height:.3f} m: is the active TCP that of the tip that touched? If it "
             "is, measure base_height with a tape, write it into the lab file, and run this again"
         )
-    if write:
-        rows = [
-            {name: value if name == "id" else round(value, 5) for name, value in row.items()}
-            for row in fit.layout.to_dict()["tags"]
-        ]
-        changes = {
-            "arm": {
-                "base_height": round(fit.base_height, 5),
-                "base_yaw_deg": round(fit.base_yaw_deg, 3),
-            },
-            "workspace": {"table_near_y": round(setup.workspace.table_near_y - fit.axis_xy[1], 5)},
-            "camera": {"tags": rows, "tag_family": fit.layout.family},
-        }
-        update_lab_file(lab_file, changes)
+    rows = [
+        {name: value if name == "id" else round(value, 5) for name, value in row.items()}
+        for row in fit.layout.to_dict()["tags"]
+    ]
+    changes = {
+        "arm": {
+            "base_height": round(fit.base_height, 5),
+            "base_yaw_deg": round(fit.base_yaw_deg, 3),
+        },
+        "workspace": {"table_near_y": round(setup.workspace.table_near_y - fit.axis_xy[1], 5)},
+        "camera": {"tags": rows, "tag_family": fit.layout.family},
+    }
+    update_lab_file(lab_file, changes)
     return fit
 
 

@@ -370,12 +370,13 @@ class CameraCheck:
         """
         if len(self._times) < 3:
             raise InputError(f"{len(self._times)} frames say nothing about a camera: at least 3")
-        stamps, arrivals = (np.diff(column) for column in np.array(self._times).T)
+        times, arrivals = np.array(self._times).T
+        stamps = np.diff(times)
         gaps = np.maximum(np.round(stamps / float(np.median(stamps))) - 1, 0)
         # Over the whole time: frames come in bursts, and a film counts in whole milliseconds.
         rate = (len(stamps) + float(gaps.sum())) / float(stamps.sum())
-        arrival_rate = len(arrivals) / max(float(arrivals.sum()), 1e-9)
-        counted = float(np.ptp(stamps)) < _COUNTED and self._times[0][0] < _OPENING
+        arrival_rate = len(stamps) / max(float(arrivals[-1] - arrivals[0]), 1e-9)
+        counted = float(np.ptp(stamps)) < _COUNTED and float(times[0]) < _OPENING
         calibration, refused, image = None, None, self._images[-1]
         ids, px_per_m, same = (), float("nan"), np.empty((0, 3))
         marker, unmarked = None, None
@@ -399,7 +400,6 @@ class CameraCheck:
             except InputError as error:
                 unmarked = str(error)
         exposure = self._facts.exposure
-        times = np.array(self._times)[:, 0] - self._times[0][0]
         rows = np.array(self._rows)
         tints = rows.mean(axis=1) / rows.mean(axis=(1, 2))[:, None].clip(1.0)
         count = max(len(tints) // 5, 1)
@@ -412,9 +412,9 @@ class CameraCheck:
             missed_count=max(int(gaps.sum()) - dropped_count, 0),
             dropped_count=dropped_count,
             repeated_count=self._repeated_count,
-            flicker=find_flicker(times, rows.mean(axis=-1), self._row_step),
+            flicker=find_flicker(times - times[0], rows.mean(axis=-1), self._row_step),
             drift=np.median(tints[-count:], axis=0) / np.median(tints[:count], axis=0) - 1.0,
-            duration=float(times[-1]),
+            duration=float(times[-1] - times[0]),
             brightness=Brightness.of(image),
             refocused=min(self._sharpness) / min(max(self._sharpness), SHARPNESS_MIN),
             failure=self._failure,
