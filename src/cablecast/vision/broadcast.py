@@ -117,11 +117,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
                 muxer = JpegMuxer(self.wfile, "nut", *broadcast.format)
                 if broadcast.latest is not None:
                     muxer.write(broadcast.latest, 0.0)
-                while (picture := viewer.get()) is not None:
+                for picture in iter(viewer.get, None):
                     muxer.write(*picture)
             else:
-                while (picture := viewer.get()) is not None:
-                    jpeg = picture[0]
+                for jpeg, _ in iter(viewer.get, None):
                     head = f"--next\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}"
                     self.wfile.write(head.encode() + b"\r\n\r\n" + jpeg + b"\r\n")
         finally:

@@ -2,9 +2,8 @@
 
 All sockets are served by one thread, on the loopback address only.
 
-Sources: Universal Robots, "Real-Time Data Exchange (RTDE) Guide", version 2 of the protocol: every
-frame begins with its length, header included, and its type; all numbers are big-endian. The same,
-"Dashboard Server e-Series, port 29999" and "... CB-Series": one line in, one line out.
+Sources: that of rtde.py; Universal Robots, "Dashboard Server e-Series, port 29999" and
+"... CB-Series": one line in, one line out.
 """
 
 import collections
