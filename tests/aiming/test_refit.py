@@ -52,15 +52,17 @@ COMMAND = (
 def quicken(patch):
     """Let the command line fit and simulate as quickly, too."""
     patch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: QUICK)
-    # Before any cast, simulators are believed ones, as fine as those of a fit.
-    patch.setattr("cablecast.tuning.tuned.FitConfig", lambda: SEARCH)
+    # Before any cast, simulators are believed ones, as fine as those of a fit; calibration casts
+    # are chosen with such, too.
+    for module in ("tuning.tuned", "pipeline.collect"):
+        patch.setattr(f"cablecast.{module}.FitConfig", lambda: SEARCH)
     patch.setattr("cablecast.aiming.propose._SIMULATED_COUNT", 8)
     patch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
     patch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 12)
 
 
 @pytest.fixture(autouse=True)
-def quick(blank_figures, monkeypatch):
+def quick(blank_figures, coarse_engine, monkeypatch):
     quicken(monkeypatch)
 
 
@@ -84,11 +86,12 @@ def rig():
 
 
 @pytest.fixture(scope="module")
-def first_casts(tmp_path_factory, leave_figures_blank):
+def first_casts(tmp_path_factory, leave_figures_blank, make_engines_coarse):
     """Return the folder of a session that has made its first casts, and was fitted to them."""
     folder = tmp_path_factory.mktemp("first_casts")
     with pytest.MonkeyPatch.context() as patch, opened_rig() as opened:
         quicken(patch)
+        make_engines_coarse(patch)
         leave_figures_blank(patch)
         prepare(opened, out=folder, tries=1)
     return folder
