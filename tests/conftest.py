@@ -48,14 +48,23 @@ def dead_process():
 def make_engines_coarse():
     """Return a function that makes engines coarse by default while a patch lasts.
 
-    A coarse cable takes a twentieth of the time.
+    A coarse cable takes a twentieth of the time. So are those that calibration casts are chosen
+    with, and those of cables that no cast was fitted to.
     """
     from cablecast.engines.warp_.engine import EngineWarp
+    from cablecast.tuning.fit import FitConfig
 
     # Behind the check of its arguments.
     build = inspect.unwrap(EngineWarp.__init__)
     coarse = (10, 2e-3, *build.__defaults__[2:])
-    return lambda patch: patch.setattr(build, "__defaults__", coarse)
+    fit = functools.partial(FitConfig, coarse_segment_count=10, coarse_dt=2e-3)
+
+    def apply(patch):
+        patch.setattr(build, "__defaults__", coarse)
+        for module in ("pipeline.collect", "tuning.tuned"):
+            patch.setattr(f"cablecast.{module}.FitConfig", fit)
+
+    return apply
 
 
 @pytest.fixture

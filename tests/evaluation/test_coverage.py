@@ -29,16 +29,11 @@ def points_in_sector(rng, count, low, high):
     return np.stack([r * np.sin(theta), r * np.cos(theta)], axis=-1)
 
 
-def test_endpoints_over_one_quarter_cover_the_whole_half_disc_with_their_mirror_images():
-    points = points_in_sector(np.random.default_rng(0), 4000, 0.0, np.pi / 2)
+@pytest.mark.parametrize("covered", [1.0, 1 / 3])
+def test_a_sector_and_its_mirror_image_cover_their_share_of_the_half_disc(covered):
+    points = points_in_sector(np.random.default_rng(0), 4000, 0.0, covered * np.pi / 2)
     share = covered_share(concave_hull(points, RADIUS), RADIUS)
-    assert share == pytest.approx(1.0, abs=SAMPLING_TOLERANCE)
-
-
-def test_a_sector_covers_its_angle_as_a_share_of_the_half_circle():
-    points = points_in_sector(np.random.default_rng(0), 4000, 0.0, np.pi / 6)
-    share = covered_share(concave_hull(points, RADIUS), RADIUS)
-    assert share == pytest.approx(1 / 3, abs=SAMPLING_TOLERANCE)
+    assert share == pytest.approx(covered, abs=SAMPLING_TOLERANCE)
 
 
 def test_a_hollow_that_the_convex_hull_would_fill_is_not_covered():

@@ -16,7 +16,3 @@ def test_the_numbers_of_each_row_rise_from_least_to_greatest():
             <= row.third_quartile_pct
             <= row.max_pct
         )
-
-
-def test_the_best_method_on_cable_1_has_a_median_of_22_percent():
-    assert min(row.median_pct for row in published_rows("cable_1")) == 22

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import cablecast as cc
-from cablecast.engines import make_engine
 from cablecast.errors import InputError
 from cablecast.rigs.engine import RigEngine
 from cablecast.tuning.spread import spread_actions
@@ -18,13 +17,12 @@ def rig():
         yield opened
 
 
+@pytest.mark.usefixtures("coarse_engine")
 def test_spread_casts_are_those_of_the_believed_cable_and_a_stopped_collection_goes_on(
     rig, tmp_path
 ):
     casts = cc.collect(rig, count=3, sampling="spread", seed=2, out=tmp_path / "casts")
-    coarse = cc.FitConfig()
-    engine = make_engine("warp", coarse.coarse_segment_count, coarse.coarse_dt)
-    expected = spread_actions(SETUP, 3, engine, seed=2)
+    expected = spread_actions(SETUP, 3, cc.EngineWarp(), seed=2)
     np.testing.assert_array_equal(casts.actions, expected)
     again = cc.collect(rig, count=3, sampling="spread", seed=2, out=tmp_path / "casts")
     np.testing.assert_array_equal(again.actions, expected)
