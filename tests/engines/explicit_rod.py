@@ -10,8 +10,6 @@ node is measured as an angle, and not accumulated from rates as in EngineWarp.
 # Annotations of kernels are values that Warp reads, not types that pyright knows.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOperatorIssue=false
 
-import dataclasses
-
 import numpy as np
 import warp as wp
 
@@ -309,8 +307,3 @@ def simulate(
         )
         shapes.append(state[0].numpy().copy())
     return np.stack(shapes, axis=1)
-
-
-def with_friction(params, friction):
-    """Return the same parameters with another Coulomb coefficient."""
-    return dataclasses.replace(params, lateral_friction=friction, worksurface_friction=1.0)

@@ -18,8 +18,6 @@ from cablecast.setup import Setup
 DT = 1e-3
 SETUP = Setup()
 SILENT = Trial.draw(TrialNoise.none(), 0, 0)
-# Linear interpolation of the set points and the step of the servo, against an exact response.
-RESPONSE_TOLERANCE = 2e-3
 # A servo that follows within its torque settles on its last set point.
 SETTLED = 1e-4
 # Turns a base joint's amount into millimetres that the cable would not notice.
