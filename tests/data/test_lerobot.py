@@ -102,14 +102,19 @@ def test_episodes_and_description_point_to_the_frames(exported):
     assert tasks[0]["task"] in episodes[0]["tasks"]
 
 
-def test_the_library_of_data_sets_opens_what_is_exported(exported, tmp_path):
+def test_the_library_of_data_sets_opens_what_export_and_collect_write(exported, casts, tmp_path):
     datasets = pytest.importorskip("datasets")
-    loaded = datasets.load_dataset(
-        "parquet", data_files=str(exported / "data/*/*.parquet"), cache_dir=str(tmp_path)
-    )["train"]
+    # As the card of a data set says.
+    there, collected = (
+        datasets.load_dataset(
+            "parquet", data_files=str(folder / "data/*/*.parquet"), cache_dir=str(tmp_path)
+        )["train"]
+        for folder in (exported, casts.path)
+    )
     frames = rows_of(exported, DATA_FILE)
-    assert len(loaded) == len(frames)
-    assert loaded[5]["action"] == pytest.approx(frames[5]["action"])
+    assert len(there) == len(frames)
+    assert there[5]["action"] == pytest.approx(frames[5]["action"])
+    assert collected["theta1"] == pytest.approx(casts.actions[:, 0])
 
 
 def test_tasks_are_the_index_of_a_table_that_pandas_reads(exported):
@@ -191,12 +196,3 @@ def test_simulated_casts_and_full_folders_are_refused(casts, exported, unbroken)
         export_dataset(read_dataset(unbroken), exported.parent / "other")
     with pytest.raises(InputError, match="not empty"):
         export_dataset(casts, exported)
-
-
-def test_the_library_of_data_sets_opens_what_collect_writes(casts, tmp_path):
-    datasets = pytest.importorskip("datasets")
-    # As the card of the dataset says.
-    loaded = datasets.load_dataset(
-        "parquet", data_files=str(casts.path / "data/*/*.parquet"), cache_dir=str(tmp_path)
-    )["train"]
-    assert loaded["theta1"] == pytest.approx(casts.actions[:, 0])

@@ -60,3 +60,9 @@ def tracks(dataset) -> MeasuredTracks:
 def good(tracks) -> MeasuredTracks:
     """Return the tracks that stayed on the table."""
     return tracks[np.flatnonzero(tracks.status == "ok")]
+
+
+@pytest.fixture(scope="session")
+def few(good) -> MeasuredTracks:
+    """Return three of these."""
+    return good[np.arange(3)]

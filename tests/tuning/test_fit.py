@@ -22,11 +22,6 @@ FRICTION = 0.12
 
 
 @pytest.fixture(scope="module")
-def few(good):
-    return good[np.arange(3)]
-
-
-@pytest.fixture(scope="module")
 def others(good):
     return good[np.arange(3, len(good))]
 
@@ -43,12 +38,6 @@ def test_three_casts_are_enough_to_predict_others(result, truth):
         result.metrics["validation"][row]["mean_pct"] for row in ("default", "tuned")
     )
     assert fitted < 0.25 * default
-
-
-def test_a_fit_is_repeatable(result, cable, few, others, engine):
-    again = fit_params(Setup(cable=cable), few, others, engine, engine, CONFIG)
-    np.testing.assert_array_equal(again.params.to_array(), result.params.to_array())
-    np.testing.assert_array_equal(again.posterior.covariance, result.posterior.covariance)
 
 
 def test_what_the_casts_do_not_tell_keeps_the_belief(result, cable):

@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.tuning.conftest import coarse_engine
 
 from cablecast.errors import InputError
 from cablecast.runs.folder import Parts
@@ -20,6 +21,15 @@ def tune(cable, tracks, engine, config=SHORT, **options):
     return tune_params(Setup(cable=cable), training, validation, engine, config, **options)
 
 
+@pytest.fixture(scope="module")
+def short(cable, good, tmp_path_factory):
+    """Return a short search: its result, the states that it told, and its checkpoint."""
+    parts = Parts(tmp_path_factory.mktemp("short") / "generations")
+    states = []
+    result = tune(cable, good, coarse_engine(), checkpoint=parts, progress=states.append)
+    return result, states, parts
+
+
 def test_tuning_finds_the_friction_of_the_cable_that_made_the_tracks(cable, truth, good, engine):
     result = tune(cable, good, engine, SEARCH)
     assert result.params.friction == pytest.approx(truth.friction, rel=FRICTION)
@@ -29,9 +39,9 @@ def test_tuning_finds_the_friction_of_the_cable_that_made_the_tracks(cable, trut
 
 
 def test_a_search_that_was_stopped_ends_bit_by_bit_like_one_that_was_not(
-    cable, good, engine, tmp_path
+    short, cable, good, engine, tmp_path
 ):
-    whole = tune(cable, good, engine)
+    whole, _, _ = short
     parts = Parts(tmp_path / "generations")
     for stop in (1, 3, 5):
 
@@ -47,9 +57,8 @@ def test_a_search_that_was_stopped_ends_bit_by_bit_like_one_that_was_not(
     assert resumed.metrics | {"seconds": 0.0} == whole.metrics | {"seconds": 0.0}
 
 
-def test_a_finished_search_simulates_no_generation_again(cable, good, engine, tmp_path):
-    parts = Parts(tmp_path / "generations")
-    tune(cable, good, engine, checkpoint=parts)
+def test_a_finished_search_simulates_no_generation_again(short, cable, good, engine):
+    _, _, parts = short
     calls = []
     rollout = engine.rollout
     engine.rollout = lambda *args, **kwargs: calls.append(1) or rollout(*args, **kwargs)
@@ -58,9 +67,8 @@ def test_a_finished_search_simulates_no_generation_again(cable, good, engine, tm
     assert len(calls) == 2
 
 
-def test_a_checkpoint_of_another_seed_is_refused(cable, good, engine, tmp_path):
-    parts = Parts(tmp_path / "generations")
-    tune(cable, good, engine, checkpoint=parts)
+def test_a_checkpoint_of_another_seed_is_refused(short, cable, good, engine):
+    _, _, parts = short
     other = dataclasses.replace(SHORT, seed=1)
     with pytest.raises(InputError, match="other candidates"):
         tune(cable, good, engine, other, checkpoint=parts)
@@ -77,16 +85,16 @@ def test_tracks_that_cannot_validate_are_refused_before_the_search(cable, good, 
     assert not states
 
 
-def test_progress_tells_how_closely_the_casts_are_followed(cable, good, engine):
-    states = []
-    result = tune(cable, good, engine, progress=states.append)
+def test_progress_tells_how_closely_the_casts_are_followed(short, good):
+    result, states, _ = short
     assert [(state.done, state.total) for state in states] == [(k, 6) for k in range(1, 7)]
     losses = [row["best_pct"] for row in result.metrics["history"]]
     assert states[-1].note == f"fine: {losses[-1]:.1f} % off"
     assert losses == sorted(losses, reverse=True)
     training, _ = split_tracks(good)
-    worlds = len(training) * 6 * 24
-    assert result.metrics["simulation_count"] == worlds
+    assert result.metrics["simulation_count"] == SHORT.candidate_count * len(training)
+    # The bound on a search counts the candidates that it asks for.
+    assert SHORT.candidate_count == 24 * 6 < CANDIDATE_MAX
 
 
 def test_a_quarter_of_the_tracks_validates_by_default(tracks):
@@ -113,13 +121,6 @@ def test_a_quarter_of_the_tracks_validates_by_default(tracks):
 def test_settings_out_of_bounds_are_refused(change, words):
     with pytest.raises(InputError, match=words):
         TuneConfig(**change)
-
-
-def test_the_bound_on_the_search_counts_the_candidates_that_it_asks_for(cable, good, engine):
-    result = tune(cable, good, engine)
-    training, _ = split_tracks(good)
-    assert result.metrics["simulation_count"] == SHORT.candidate_count * len(training)
-    assert SHORT.candidate_count == 24 * 6 < CANDIDATE_MAX
 
 
 def test_a_search_whose_members_are_equally_good_ends(cable, good, engine, monkeypatch):

@@ -27,11 +27,6 @@ ROUNDING = 1e-12
 
 
 @pytest.fixture(scope="module")
-def few(good):
-    return good[np.arange(3)]
-
-
-@pytest.fixture(scope="module")
 def engine():
     return EngineWarp(segment_count=10, dt=2e-3)
 
