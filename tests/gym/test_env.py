@@ -22,6 +22,8 @@ from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace, load_targets
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 ID = "cablecast.gym:cablecast/Cast-v0"
 
 # A world of a batch is simulated for as long as the longest motion of the batch, and a cable that

@@ -9,6 +9,8 @@ from cablecast.errors import InputError  # noqa: E402
 from cablecast.gym.env import CastVectorEnv  # noqa: E402
 from cablecast.gym.stable_baselines import CastVecEnv  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 
 def test_a_learner_steps_it_and_gets_the_observation_of_the_ended_episode():
     env = CastVecEnv(CastVectorEnv(4))
