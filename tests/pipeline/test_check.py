@@ -82,6 +82,7 @@ def test_a_cable_of_which_little_is_known_is_less_sure(checked):
     assert np.ptp(guessed.shares) > np.ptp(known.shares)
 
 
+@pytest.mark.usefixtures("few_casts")
 def test_a_cable_heavier_than_lead_is_asked_about(checked):
     cable = {"name": "typo", "length": 0.62, "diameter": 0.0011, "mass": 0.05}
     found = cc.check(cc.Setup.from_dict({"cable": cable}), changes=False)
@@ -131,6 +132,7 @@ def test_what_to_expect_of_a_target_is_said_by_the_casts_that_reach_it(checked):
     assert first < second
 
 
+@pytest.mark.usefixtures("few_casts")
 def test_what_a_reset_does_to_the_cable_is_said_before_any_cast(checked, capsys):
     assert checked.reset_words == ""
     rope = {"name": "rope", "kind": "rope", "length": 0.8, "diameter": 0.008, "mass": 0.02}
