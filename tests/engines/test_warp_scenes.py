@@ -1,6 +1,7 @@
 """Whole scenes with EngineWarp: lifting the cable, letting it hang, swinging, dragging it back."""
 
 import numpy as np
+import pytest
 from tests.engines.grips import smooth
 
 from cablecast.cable import load_cable
@@ -26,6 +27,7 @@ def run(path, state, duration, **options):
     return engine.rollout(CABLE, path, state, duration=duration)
 
 
+@pytest.fixture(scope="module")
 def lifted():
     """Return the cable after a lift straight up from the reset state and three seconds to hang."""
     low, high = [0, 0.6, GRIP_HEIGHT, 0, 0], [0, 0.6, 0.9, 0, -np.pi / 2]
@@ -34,12 +36,11 @@ def lifted():
     return run(path, state, 2.0 + 8.0)
 
 
-def test_a_lifted_cable_comes_to_hang_straight_below_the_grip():
-    rollout = lifted()
-    nodes = rollout.final_state.positions[0]
+def test_a_lifted_cable_comes_to_hang_straight_below_the_grip(lifted):
+    nodes = lifted.final_state.positions[0]
     np.testing.assert_allclose(nodes[-1, 2], 0.9 - CABLE.length, atol=2e-3)
     assert np.linalg.norm(nodes[-1, :2] - [0, 0.6]) < 0.01
-    assert rollout.finite.all()
+    assert lifted.finite.all()
 
 
 def test_a_cable_lowered_and_dragged_slowly_lies_straight_behind_the_grip():
@@ -63,15 +64,14 @@ def test_a_cable_lowered_and_dragged_slowly_lies_straight_behind_the_grip():
     assert np.ptp(heading) < np.radians(10)  # straight, where it was bent by 86 degrees
 
 
-def test_a_cast_in_the_vertical_plane_lays_the_cable_out_in_front():
+def test_a_cast_in_the_vertical_plane_lays_the_cable_out_in_front(lifted):
     # Pull back, swing forward, lower the grip: polar casting.
-    hanging = lifted().final_state
     times = np.array([0.0, 0.4, 1.0, 1.25, 1.6, 2.0, 2.4])
     y = np.array([0.6, 0.3, 0.9, 0.9, 0.9, 0.9, 0.9])
     z = np.array([0.9, 0.9, 0.85, 0.7, 0.35, 0.1, GRIP_HEIGHT])
     pitch = np.radians([-90, -90, -60, -20, 0, 0, 0])
     poses = np.stack([0 * y, y, z, 0 * y, pitch], axis=1)
-    rollout = run(GripPath.fit(times, poses), hanging, 4.0)
+    rollout = run(GripPath.fit(times, poses), lifted.final_state, 4.0)
     nodes = rollout.final_state.positions[0]
     assert np.abs(nodes[:, 0]).max() < 1e-6  # the swing stays in its plane
     assert nodes[-1, 2] < 2 * CABLE.radius  # the free end lies on the table
