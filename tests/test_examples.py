@@ -41,7 +41,15 @@ LAST_WORDS = {
     "08_two_grippers.py": "catenary 0.245 N and",
     "09_strike.py": "of 2 targets were struck",
 }
-SMALL_FIT = FitConfig(start_count=2, coarse_iterations=1, fine_iterations=1, ensemble_iterations=0)
+SMALL_FIT = FitConfig(
+    start_count=2,
+    coarse_iterations=1,
+    fine_start_count=1,
+    fine_iterations=1,
+    coarse_segment_count=10,
+    coarse_dt=2e-3,
+    ensemble_iterations=0,
+)
 # Examples that need an input, which a tool makes.
 FILMS = "07_fit_my_cable.py"
 # An example that needs a library which no extra installs.

@@ -19,6 +19,7 @@ SAMPLE_SIZE_MAX = 2_000_000
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_engine")
 def test_one_command_makes_casts_of_each_kind_with_card_and_licence(tmp_path, monkeypatch, capsys):
     out = tmp_path / "casts"
     options = "--cables cable_1 --labs 0 --calibrations 2 --targets 0 --others 1"

@@ -21,11 +21,13 @@ TINY = (
     "from cablecast.pipeline import train as training\n"
     "brief = dataclasses.replace(FINE_TUNING, epochs=10, patience=10)\n"
     "training.fine_tune = functools.partial(training.fine_tune, config=brief)\n"
-    # Simulators of `prepare_aim` that are fitted in a few steps.
-    "from cablecast.pipeline import aim as aiming\n"
-    "short = dict(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1)\n"
+    # Simulators of `prepare_aim` that are fitted in a few steps, and coarse, too.
+    "from cablecast.pipeline import aim as aiming, collect as collecting\n"
+    "short = dict(start_count=2, coarse_iterations=1, fine_start_count=1, fine_iterations=1,\n"
+    "    coarse_segment_count=10, coarse_dt=2e-3, ensemble_iterations=1)\n"
     "quick = aiming.SimulatorConfig(fit=cc.FitConfig(**short), spread_count=3)\n"
     "aiming.SimulatorConfig = lambda: quick\n"
+    "collecting.FitConfig = lambda: quick.fit\n"
 )
 FEW = "cc.TuneConfig(population_size=6, "
 
