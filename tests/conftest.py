@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import inspect
 import os
 import signal
 import subprocess
@@ -54,8 +53,7 @@ def make_engines_coarse():
     from cablecast.engines.warp_.engine import EngineWarp
     from cablecast.tuning.fit import FitConfig
 
-    # Behind the check of its arguments.
-    build = inspect.unwrap(EngineWarp.__init__)
+    build = EngineWarp.__init__
     coarse = (10, 2e-3, *build.__defaults__[2:])
     fit = functools.partial(FitConfig, coarse_segment_count=10, coarse_dt=2e-3)
 

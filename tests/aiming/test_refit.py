@@ -52,10 +52,6 @@ COMMAND = (
 def quicken(patch):
     """Let the command line fit and simulate as quickly, too."""
     patch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: QUICK)
-    # Before any cast, simulators are believed ones, as fine as those of a fit; calibration casts
-    # are chosen with such, too.
-    for module in ("tuning.tuned", "pipeline.collect"):
-        patch.setattr(f"cablecast.{module}.FitConfig", lambda: SEARCH)
     patch.setattr("cablecast.aiming.propose._SIMULATED_COUNT", 8)
     patch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
     patch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 12)
