@@ -33,15 +33,13 @@ FEW_TARGETS = 4
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("coarse_engine", "brief_adaptation")
+@pytest.mark.usefixtures("coarse_engine", "brief_adaptation", "blank_figures")
 def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_path, monkeypatch):
     few = load_targets()[:: 32 // FEW_TARGETS]
     monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
     monkeypatch.setattr("cablecast.pipeline.reproduce.load_targets", lambda: few)
     search = functools.partial(TuneConfig, population_size=6)
     monkeypatch.setattr("cablecast.pipeline.reproduce.TuneConfig", search)
-    # The pages of the single evaluations are made, but their figures are not rendered.
-    monkeypatch.setattr("cablecast.report.page.svg_uri", lambda figure: "data:,")
     begun = []
 
     def stop(report):
