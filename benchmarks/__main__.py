@@ -26,6 +26,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "stability": ("energy:stability", "worlds over the search space: none may gain energy"),
     "swing": ("energy:swing", "energy that an undamped swing loses, by the step"),
     "validation": ("validation:main", "closed forms, with plots"),
+    "engines": ("engines:main", "rollouts per second and accuracy of every engine"),
     "cosserat": (
         "cosserat:cosserat",
         "another author's tests of rod solvers, with MuJoCo and PyElastica",
@@ -61,13 +62,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
 QUOTED: dict[str, tuple[str, float]] = {
     "five-casts": ("casts --rigs virtual --counts 5 --methods aim --targets 18 --equal 3", 1.2),
     "other-physics": (
-        "casts --rigs strange patchy example --counts 10 --methods aim --cables cable_1 "
-        "--targets 66",
-        0.4,
-    ),
-    "chain": (
-        "casts --rigs chain --counts 10 --methods aim --cables cable_1 --targets 33",
-        0.5,
+        "casts --rigs strange patchy chain example --counts 5 --methods aim --cables cable_1 "
+        "--targets 18 --equal 3",
+        1.0,
     ),
     "labs": ("labs --count 50", 0.3),
     "promises": ("promises", 1.5),
@@ -96,7 +93,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "irp": ("irp --goals 25", 1.4),
     "arrival": ("arrival", 0.05),
     "strike": ("strike --targets 34", 1.0),
-    "irp-rows": ("irp --rows image noise fit prior impulse --goals 1 --tries 6", 0.3),
+    "irp-rows": ("irp --rows image noise fit prior impulse --goals 5 --tries 6", 0.3),
 }
 """Command and expected hours on two cores of each run that a page quotes, in order of worth."""
 
