@@ -62,9 +62,13 @@ COMMANDS: dict[str, tuple[str, str]] = {
 QUOTED: dict[str, tuple[str, float]] = {
     "five-casts": ("casts --rigs virtual --counts 5 --methods aim --targets 18 --equal 3", 1.2),
     "other-physics": (
-        "casts --rigs strange patchy chain example --counts 5 --methods aim --cables cable_1 "
+        "casts --rigs strange patchy example --counts 5 --methods aim --cables cable_1 "
         "--targets 18 --equal 3",
-        1.0,
+        0.5,
+    ),
+    "chain": (
+        "casts --rigs chain --counts 5 --methods aim --cables cable_1 --targets 9",
+        0.5,
     ),
     "labs": ("labs --count 50", 0.3),
     "promises": ("promises", 1.5),
