@@ -66,10 +66,6 @@ QUOTED: dict[str, tuple[str, float]] = {
         "--targets 18 --equal 3",
         0.5,
     ),
-    "chain": (
-        "casts --rigs chain --counts 5 --methods aim --cables cable_1 --targets 9",
-        0.5,
-    ),
     "labs": ("labs --count 50", 0.3),
     "promises": ("promises", 1.5),
     "waits": ("waits --cables cable_1 --targets 5", 0.1),
