@@ -93,7 +93,8 @@ QUOTED: dict[str, tuple[str, float]] = {
     "irp": ("irp --goals 25", 1.4),
     "arrival": ("arrival", 0.05),
     "strike": ("strike --targets 34", 1.0),
-    "irp-rows": ("irp --rows image noise fit prior impulse --goals 5 --tries 6", 0.3),
+    "irp-rows": ("irp --rows image noise fit prior impulse --goals 5 --tries 6", 0.5),
+    "whip": ("whip", 0.5),
 }
 """Command and expected hours on two cores of each run that a page quotes, in order of worth."""
 
