@@ -208,8 +208,6 @@ def slope_sentence(case: Case, ladder: Table) -> str:
 
 def plot(result: Result) -> bytes:
     """Return the plot of a case as a PNG file: closed forms as lines, the engine as points."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
     from cablecast.report import style
 
     figure = style.new_figure(5.2, 2.9)
@@ -224,12 +222,8 @@ def plot(result: Result) -> bytes:
         axes.set_xlabel(result.case.x_label)
         axes.set_ylabel(result.case.y_label)
         if result.case.name.startswith("order_"):
-            axes.set_xscale("log")
-            axes.set_yscale("log")
-            for axis in (axes.xaxis, axes.yaxis):
-                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-                axis.set_major_formatter(lambda value, _: f"{value:g}")
-                axis.set_minor_locator(NullLocator())
+            style.log_scale(axes, "x")
+            style.log_scale(axes, "y")
         if result.case.equal:
             axes.set_aspect("equal")
         if any(curve.label for curve in result.curves):

@@ -18,7 +18,7 @@ from cablecast.report.maps import (
     reach_map,
     track_panels,
 )
-from cablecast.report.style import BASE_RADIUS, png_bytes, svg_uri
+from cablecast.report.style import BASE_RADIUS, log_scale, new_figure, png_bytes, svg_uri
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
 
@@ -246,3 +246,15 @@ def test_the_same_evaluation_gives_the_same_picture_twice(make_evaluation):
 def test_a_dollar_sign_in_a_name_is_no_formula():
     figure = error_boxes([("my $_{$ rig", summarise_errors([1.0, 2.0]))], ())
     assert png_bytes(figure, dpi=30)
+
+
+def test_a_logarithmic_axis_has_plain_numbers():
+    # Formulas are off, so that a name may hold dollar signs; the default labels of one are some.
+    axes = new_figure(4.0, 3.0).subplots()
+    axes.plot([0.02, 50.0], [0.02, 50.0])
+    log_scale(axes, "x")
+    log_scale(axes, "y")
+    for labels in (axes.get_xticklabels(), axes.get_yticklabels()):
+        texts = [label.get_text() for label in labels]
+        assert {"0.1", "1", "20"} <= set(texts)
+        assert not any("$" in text for text in texts)

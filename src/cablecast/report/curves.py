@@ -17,6 +17,7 @@ from cablecast.report.style import (
     VERMILLION,
     annotate,
     draw_grid,
+    log_scale,
     new_figure,
     styled,
 )
@@ -95,7 +96,7 @@ def learning_curves(
 
     Each curve has a title and rows with `epoch`, `loss` [m] and `held_out_loss` [m].
     """
-    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+    from matplotlib.ticker import MaxNLocator
 
     figure = new_figure(PAGE_WIDTH, 2.6 * len(curves))
     panels = figure.subplots(len(curves), squeeze=False)[:, 0]
@@ -111,12 +112,9 @@ def learning_curves(
             text = f"{label}, {losses_pct[-1]:.2f} %"
             style = {"va": "center", "color": color, "annotation_clip": False}
             annotate(axes, text, (epochs[-1], losses_pct[-1]), (6, shift), **style)
-        axes.set_yscale("log")
+        log_scale(axes, "y")
         axes.set_xlabel("epoch")
         axes.set_ylabel("mean distance\n[% of cable length]")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.yaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlim(epochs[0], epochs[-1])
         draw_grid(axes, "y")

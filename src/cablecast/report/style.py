@@ -248,6 +248,17 @@ def draw_grid(axes: "Axes", axis: Literal["x", "y", "both"] = "both") -> None:
     axes.set_axisbelow(True)
 
 
+def log_scale(axes: "Axes", axis: Literal["x", "y"]) -> None:
+    """Give an axis a logarithmic scale with numbers at 1, 2 and 5: no text here is a formula."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axes.set(**{f"{axis}scale": "log"})
+    drawn = axes.xaxis if axis == "x" else axes.yaxis
+    drawn.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    drawn.set_major_formatter(lambda value, _: f"{value:g}")
+    drawn.set_minor_locator(NullLocator())
+
+
 LegendEntries = Sequence[tuple[str, str, dict[str, Any]]]
 """Label, format as of `plot`, and properties of a line or marker, of each entry of a legend."""
 
