@@ -84,9 +84,10 @@ def _plain(value: Any) -> str:
 
 
 def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in GitHub's Markdown."""
+    """Return a table in GitHub's Markdown, which a bar in a text would break."""
     lines = [heads, [":--"] * len(heads), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    cells = ([text.replace("|", "&#124;") for text in line] for line in lines)
+    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
 
 
 class Row(NamedTuple):

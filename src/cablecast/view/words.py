@@ -59,11 +59,6 @@ def literal(text: str) -> str:
     return html.escape(text, quote=False)
 
 
-def _cell(text: str) -> str:
-    """Return a text for a cell of a table, which a bar would end."""
-    return literal(text).replace("|", "&#124;")
-
-
 def _length_text(pct: float, length: float) -> str:
     """Return a share of the cable's length [%] in centimetres, too."""
     return f"{pct * length:.1f} cm ({pct:.1f} %)"
@@ -98,8 +93,8 @@ def plan_text(preview: Preview, desk: Desk) -> str:
         ("most likely", f"{_length_text(half, length)} off"),
         ("nine of ten", f"within {_length_text(most, length)}"),
         ("duration", motion_text(proposal)),
-        ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({_cell(names[fastest])})"),
-        ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({_cell(names[hardest])})"),
+        ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({literal(names[fastest])})"),
+        ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({literal(names[hardest])})"),
     ]
     if math.isfinite(preview.margin):
         rows.append(("table's edge", f"{100 * preview.margin:.0f} cm away"))
