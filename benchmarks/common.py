@@ -1,5 +1,6 @@
 """Shared parts of the benchmarks: random casts, landings, errors of a resolution, hits."""
 
+import importlib.util
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -29,6 +30,11 @@ def hit_share(hits: int, count: int) -> tuple[float | None, float | None, float 
         return None, None, None
     interval = binomtest(hits, count).proportion_ci(0.9, method="wilson")
     return 100.0 * hits / count, 100.0 * float(interval.low), 100.0 * float(interval.high)
+
+
+def has(library: str) -> bool:
+    """Return True if a library is installed."""
+    return importlib.util.find_spec(library) is not None
 
 
 def random_casts(count: int, seed: int, setup: Setup | None = None) -> GripPath:

@@ -6,7 +6,6 @@ EngineWarp in double precision, along the whole track and at its end.
 """
 
 import dataclasses
-import importlib.util
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import random_casts
+from benchmarks.common import has, random_casts
 from benchmarks.result import Table
 from cablecast.cable import Cable, load_cable
 from cablecast.engines.warp_ import EngineWarp
@@ -155,14 +154,14 @@ def compared(job: Job, world_count: int) -> Table:
         return (what, engine.segment_count, engine.dt * 1e3, rate, rollout)
 
     mujoco_rate = pybullet_rate = float("nan")
-    if importlib.util.find_spec("mujoco"):
+    if has("mujoco"):
         from cablecast.engines.mujoco_ import EngineMujoco
 
         rows.append(other("mujoco", EngineMujoco(segments, dt, thread_count=1)))
         mujoco_rate = rows[-1][3]
         sliding = EngineMujoco(segments, dt, thread_count=1, rolling=False)
         rows.append(other("mujoco, sliding only", sliding))
-    if importlib.util.find_spec("pybullet"):
+    if has("pybullet"):
         from cablecast.engines.pybullet_ import EnginePybullet
 
         rows.append(other("pybullet", EnginePybullet()))

@@ -11,7 +11,6 @@ physics in both, with one effect after the other: what MuJoCo plays otherwise gr
 
 import abc
 import dataclasses
-import importlib.util
 import pathlib
 import runpy
 import sys
@@ -23,6 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import cablecast as cc
+from benchmarks.common import has
 from benchmarks.result import Table
 from cablecast.cable import Cable, CableParams
 from cablecast.cli.progress import console_progress
@@ -453,11 +453,6 @@ def fitted_cable(name: str, args: Any) -> tuple[Dataset, Tuned]:
     with console_progress() as progress, cc.make_rig(f"virtual:{args.lab}", setup) as rig:
         casts = cc.collect(rig, count=args.fitted, out=folder / "casts", progress=progress)
         return casts, cc.tune(casts, out=folder / "tune", progress=progress)
-
-
-def has(library: str) -> bool:
-    """Return True if a library is installed."""
-    return importlib.util.find_spec(library) is not None
 
 
 def players(tuned: Tuned, folder: pathlib.Path) -> Iterator[tuple[str, Callable[[], Replay]]]:
