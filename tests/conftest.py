@@ -79,6 +79,22 @@ def make_engines_coarse():
 
 
 @pytest.fixture
+def small_fit():
+    """Return settings of a fit of a coarse cable that ends after a step of each kind."""
+    from cablecast.tuning.fit import FitConfig
+
+    return FitConfig(
+        start_count=2,
+        coarse_iterations=1,
+        fine_start_count=1,
+        fine_iterations=1,
+        coarse_segment_count=10,
+        coarse_dt=2e-3,
+        ensemble_iterations=1,
+    )
+
+
+@pytest.fixture
 def coarse_engine(make_engines_coarse, monkeypatch):
     """Let engines simulate a coarse cable where they are not told otherwise."""
     make_engines_coarse(monkeypatch)

@@ -1,6 +1,7 @@
 """Every example runs, on a budget that teaches nothing but breaks where the example does."""
 
 import contextlib
+import dataclasses
 import importlib.util
 import inspect
 import io
@@ -12,7 +13,6 @@ from tools.film import main as make_films
 
 from cablecast.rigs.ur.config import RobotUR
 from cablecast.setup import Setup, load_setup
-from cablecast.tuning.fit import FitConfig
 
 FOLDER = pathlib.Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(path.name for path in FOLDER.glob("*.py"))
@@ -41,15 +41,6 @@ LAST_WORDS = {
     "08_two_grippers.py": "catenary 0.245 N and",
     "09_strike.py": "of 2 targets were struck",
 }
-SMALL_FIT = FitConfig(
-    start_count=2,
-    coarse_iterations=1,
-    fine_start_count=1,
-    fine_iterations=1,
-    coarse_segment_count=10,
-    coarse_dt=2e-3,
-    ensemble_iterations=0,
-)
 # Examples that need an input, which a tool makes.
 FILMS = "07_fit_my_cable.py"
 # An example that needs a library which no extra installs.
@@ -80,7 +71,7 @@ def run_script(text):
     return printed.getvalue().splitlines()[-1]
 
 
-def run_example(name, out):
+def run_example(name, out, fit):
     """Run an example and return the last line that it printed."""
     if name == SCRIPT:
         return run_script((FOLDER / name).read_text())
@@ -92,7 +83,10 @@ def run_example(name, out):
             budget = dict(BUDGETS.get(name, {}))
             if name == FILMS:
                 make_films(["hand", str(out / "films"), "--count", "2", "--rate", "12"])
-                budget = {"films": out / "films", "config": SMALL_FIT}
+                budget = {
+                    "films": out / "films",
+                    "config": dataclasses.replace(fit, ensemble_iterations=0),
+                }
             takes_out = "out" in inspect.signature(module.main).parameters
             module.main(**({"out": out} if takes_out else {}), **budget)
     return printed.getvalue().splitlines()[-1]
@@ -101,10 +95,10 @@ def run_example(name, out):
 @pytest.mark.slow
 @pytest.mark.usefixtures("coarse_engine", "brief_adaptation")
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_an_example_runs_to_its_end(name, tmp_path):
+def test_an_example_runs_to_its_end(name, small_fit, tmp_path):
     if name == LEARNER:
         pytest.importorskip("stable_baselines3")
-    assert LAST_WORDS[name] in run_example(name, tmp_path)
+    assert LAST_WORDS[name] in run_example(name, tmp_path, small_fit)
 
 
 def test_the_script_of_the_readme_is_the_first_example_and_short():

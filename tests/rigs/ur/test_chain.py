@@ -3,6 +3,7 @@
 CABLECAST_GENERATION=e-series or polyscope-x runs it on a controller of another generation.
 """
 
+import dataclasses
 import functools
 import os
 
@@ -16,7 +17,6 @@ from cablecast.data.store import CastStore
 from cablecast.pipeline.aim import SimulatorConfig
 from cablecast.rigs.arm import REPORT_GAP_MAX
 from cablecast.setup import save_setup
-from cablecast.tuning.fit import FitConfig
 
 pytest.importorskip("cv2")
 pytest.importorskip("torch")
@@ -28,17 +28,6 @@ LANDING_ERROR_MAX = 0.01
 UR5 = {"robot": {"box_low": [-0.97, 0.05, 0.0], "box_high": [0.97, 0.97, 1.1]}}
 # As fast as this computer simulates; the clock waits for the client.
 TWIN = {"segment_count": 10, "rate": 10.0}
-# What is fitted here is not measured.
-SMALL_FIT = functools.partial(
-    FitConfig,
-    start_count=2,
-    coarse_iterations=1,
-    fine_start_count=1,
-    fine_iterations=1,
-    coarse_segment_count=10,
-    coarse_dt=2e-3,
-    ensemble_iterations=1,
-)
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +39,13 @@ def twin(make_twin):
 
 
 @pytest.fixture
-def lab(twin, tmp_path, monkeypatch):
+def lab(twin, tmp_path, small_fit, monkeypatch):
     """Work in a new folder with the lab file of the twin."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("cablecast.tuning.fit.FitConfig", SMALL_FIT)
-    simulators = SimulatorConfig(fit=SMALL_FIT(), spread_count=12)
+    # What is fitted here is not measured.
+    fit_of = functools.partial(dataclasses.replace, small_fit)
+    monkeypatch.setattr("cablecast.tuning.fit.FitConfig", fit_of)
+    simulators = SimulatorConfig(fit=small_fit, spread_count=12)
     monkeypatch.setattr("cablecast.pipeline.aim.SimulatorConfig", lambda: simulators)
     save_setup(twin[1], tmp_path / "lab.yaml")
     return tmp_path
