@@ -1,9 +1,10 @@
 """Random laboratories: whether the chances of a hit that are stated before casts are kept.
 
 Laboratories and cables are drawn as in `benchmarks.labs`, up to a length of 1.5 m, and played by
-the virtual rig, each with the seed of a laboratory that no other benchmark uses. Five targets are
-drawn over the part of the table that `check` calls reachable. Stated are what `check` says of a
-target before any cast, and what `aim` says of each cast and of all tries before the first one.
+the virtual rig, each with the seed of a laboratory that no other benchmark uses. Where `check` says
+that a reset folds the cable, the swing is tuned, as it advises. Five targets are drawn over the
+part of the table that `check` calls reachable. Stated are what `check` says of a target before any
+cast, and what `aim` says of each cast and of all tries before the first one.
 Each laboratory is kept in --out: the same command resumes where it was stopped.
 """
 
@@ -23,9 +24,10 @@ from benchmarks.common import REACHED_BY, hit_share
 from benchmarks.labs import describe, drawn_place, kept
 from benchmarks.places import HIT_PCT, MISSED_PCT
 from benchmarks.result import Table, code_key
+from cablecast.aiming.polar import LAID_OUT
 from cablecast.aiming.propose import hit_chances
 from cablecast.evaluation.evaluate import median_interval
-from cablecast.pipeline.check import LabCheck
+from cablecast.pipeline.check import LabCheck, is_better
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.runs.folder import Parts
@@ -78,6 +80,10 @@ def play(args: PromisesArgs, seed: int) -> dict[str, Any]:
         checked = cc.check(setup, changes=False)
     except cc.CablecastError as error:
         return found | {"refused": "description", "reason": str(error)}
+    found |= {"reset": checked.reset_offset / setup.cable.length, "lays_out": checked.lays_out}
+    if checked.reset_words:
+        setup, checked = tuned(setup, checked)
+        found["tuned"] = checked.reset_offset / setup.cable.length
     if not checked.reaches_anything:
         return found | {"refused": "check", "reason": "; ".join(checked.limits)}
     config = cc.AimConfig(tries=args.tries)
@@ -90,6 +96,16 @@ def play(args: PromisesArgs, seed: int) -> dict[str, Any]:
         for place in targets_of(checked, args.targets, seed):
             found["targets"].append(aim_at(session, rig, checked, place))
     return found | {"processor_seconds": time.process_time() - start}
+
+
+def tuned(setup: cc.Setup, checked: LabCheck) -> tuple[cc.Setup, LabCheck]:
+    """Return the set-up with a tuned swing and its check, where that is better."""
+    try:
+        better = cc.tune_swing(setup)
+        again = cc.check(better, changes=False)
+    except cc.CablecastError:
+        return setup, checked
+    return (better, again) if is_better(again, checked) else (setup, checked)
 
 
 def aim_at(
@@ -140,6 +156,7 @@ def promises(args: PromisesArgs) -> Iterator[Table]:
         print(f"{ran} of {args.count} laboratories are done: the same command goes on")
     rows = [row for lab in found for row in lab["targets"]]
     yield outcomes(found)
+    yield resets(found)
     yield checks(found, args.tries)
     yield casts(rows)
     yield misses(rows, args.tries)
@@ -162,6 +179,18 @@ def outcomes(found: Sequence[dict[str, Any]]) -> Table:
     }
     rows = [(words, sum(lab["refused"] == name for lab in found)) for name, words in names.items()]
     return Table("Laboratories", ("outcome", "labs"), [row for row in rows if row[1]])
+
+
+def resets(found: Sequence[dict[str, Any]]) -> Table:
+    """Return in how many laboratories a simulated reset lays the cable out straight."""
+    described = [lab for lab in found if "reset" in lab]
+    standard = [lab["reset"] for lab in described]
+    last = [lab.get("tuned", lab["reset"]) for lab in described]
+    rows = [
+        (words, len(described), sum(off < LAID_OUT for off in offsets))
+        for words, offsets in (("the standard one", standard), ("or a tuned one", last))
+    ]
+    return Table("Resets", ("swing", "labs", "laid out straight"), rows)
 
 
 def checks(found: Sequence[dict[str, Any]], tries: int) -> Table:

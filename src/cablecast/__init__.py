@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from cablecast.runs.progress import Progress, ignore
     from cablecast.setup import MotionConfig, Setup, StrikeConfig, load_setup, save_setup
     from cablecast.tuning.fit import FitConfig
+    from cablecast.tuning.swing import tune_swing
     from cablecast.tuning.tune import TuneConfig
     from cablecast.tuning.tuned import Tuned, load_tuned
     from cablecast.workspace import Workspace, load_targets
@@ -77,6 +78,7 @@ _HOMES = {
     "cablecast.runs.progress": ("Progress", "ignore"),
     "cablecast.setup": ("MotionConfig", "Setup", "StrikeConfig", "load_setup", "save_setup"),
     "cablecast.tuning.fit": ("FitConfig",),
+    "cablecast.tuning.swing": ("tune_swing",),
     "cablecast.tuning.tune": ("TuneConfig",),
     "cablecast.tuning.tuned": ("Tuned", "load_tuned"),
     "cablecast.workspace": ("Workspace", "load_targets"),
@@ -137,6 +139,7 @@ __all__ = [
     "track_video",
     "train",
     "tune",
+    "tune_swing",
 ]
 
 

@@ -32,6 +32,7 @@ STREAMS: dict[str, int] = {
     "prior": 11,
     "spread casts": 0,
     "suggested targets": 0,
+    "swing": 83,
     "weights": 1,
 }
 """Number of each random stream. Streams of one number and one seed draw the same chances, for

@@ -33,19 +33,29 @@ DEFAULT_CABLE = "cable_1"
 SECTIONS = ("cable", "workspace", "arm", "motion")
 """Sections that describe a laboratory, and keys of its dictionary form."""
 
+POLAR_SECTION = "polar"
+"""Section of the settings of resets and polar casts, where they are not those for arm and cable."""
+
 STRIKE_SECTION = "strike"
 """Section of a laboratory in which a cable is swung in the air."""
+
+_OPTIONAL = (STRIKE_SECTION, POLAR_SECTION)
 
 INSTRUMENTS = ("robot", "camera")
 """Sections that say how to reach what stands in the laboratory; they change no result."""
 
 
+# Factor of the paper's reach, either way, up to which the paper's radii serve.
+_SAME_REACH = 1.05
+
+_NEAR_RADII = ("hang_radius", "draw_radius", "rise_radius")
+
 # Distance of a reset's gripper from the base over r_max: the paper's, and the least at which the
 # elbow is not folded.
 _RESET_SHARE, _RESET_NEAREST = 0.6 / 0.94, 0.3
 # Distance of the lying cable's end from the table's far edge, and of a thick cable from the table
-# [m].
-_LYING_MARGIN, _GRIP_CLEARANCE = 0.01, 0.005
+# [m]; and of a reset's pull over the cable's length, which takes out what slack the swing left.
+_LYING_MARGIN, _GRIP_CLEARANCE, _PULL_SHARE = 0.01, 0.005, 0.1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -85,6 +95,218 @@ class MotionConfig:
                 "control_dt": (1e-4, 0.1, "s"),
             },
         )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Swing:
+    """Casting motion in the vertical plane, given by three via points.
+
+    The gripper draws back, moves fast forward and up, tips up, follows the flying cable downwards,
+    and comes down. Heights run from 0 where it comes down to 1 where the cable hangs; radii run
+    from 0 at the hanging cable to 1 at the farthest radius at which the gripper comes down. On a
+    table that is short for the cable it comes down nearer, after the same swing.
+
+    The default via points were optimised with the fast engine for the cable to land taut and
+    straight. The search covered the three presets, perturbed masses, stiffnesses and frictions,
+    lagging servos, swings up to 4 % faster or slower, and the slight swinging that a lift leaves
+    behind. A cable that lands slack folds to one side and amplifies its earlier sideways swing.
+    `tune_swing` finds via points for another arm, cable and table.
+
+    Attributes:
+        durations: Durations between the points [s]: from the hanging cable to the first point, to
+            the second, to the third, and to rest.
+        draw_back: Distance that the gripper is drawn back at the first point [m].
+        radii: Share of the way out at the second and the third point [-].
+        heights: Share of the hanging height at the three points [-].
+        pitches: Pitch of the gripper at the three points [rad]; it is level at both ends.
+    """
+
+    durations: tuple[float, float, float, float] = (0.809, 0.213, 0.497, 0.569)
+    draw_back: float = 0.072
+    radii: tuple[float, float] = (0.371, 1.129)
+    heights: tuple[float, float, float] = (1.207, 0.996, 0.929)
+    pitches: tuple[float, float, float] = (0.560, 0.511, 0.996)
+
+    def __post_init__(self):
+        bounds = {
+            "durations": (4, 0.05, 20.0, "s"),
+            "radii": (2, -5.0, 5.0, ""),
+            "heights": (3, 0.0, 3.0, ""),
+            "pitches": (3, -1.5, 1.5, "rad"),
+        }
+        for name, (count, low, high, unit) in bounds.items():
+            values, what = getattr(self, name), f"{POLAR_SECTION} swing {name}"
+            if not isinstance(values, (list, tuple)) or len(values) != count:
+                raise InputError(f"{what} = {str(values)[:60]} must be a list of {count} numbers")
+            checked = [check_number(what, value, low, high, unit) for value in values]
+            object.__setattr__(self, name, tuple(checked))
+        check_ranges(self, {"draw_back": (-1.0, 1.0, "m")}, f"{POLAR_SECTION} swing")
+
+    def slowed(self, factor: float) -> "Swing":
+        """Return the same swing that takes so many times as long."""
+        return dataclasses.replace(
+            self, durations=tuple(factor * duration for duration in self.durations)
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PolarCastConfig:
+    """Settings of the lift, the swing and the pull.
+
+    The lift keeps the free end on the table as long as possible (section V-A). A cable that leaves
+    the table at an angle swings like a pendulum, and three seconds do not damp it out. The gripper
+    drags the cable near the base and rises until the free end is below the hanging point. It then
+    follows an arc about the free end, slightly smaller than the cable's length, and goes straight
+    up. The last rise is slow where the free end leaves the table: at a lower speed, the end has
+    slid closer to the plumb line by then. The defaults were optimised with the fast engine after 10
+    casts, with perturbed masses, stiffnesses and frictions, for the least swing of the hanging
+    cable.
+
+    Attributes:
+        hang_radius: Distance of the hanging cable from the base axis [m].
+        clearance: Height of the lowest point above the table for a cable that hangs straight [m];
+            the bend at the gripper adds about 10 mm.
+        hang_height_max: Largest height of the lift [m]; a longer cable keeps its end on the table.
+            The swing rises a fifth higher, where the arm can follow it up to 0.71 m.
+        carry_height: Height at which the cable is carried in front of the base [m].
+        carry_radius: Radius to which it is carried [m].
+        carry_speed: Mean speed of the carry [m/s].
+        carry_time_min: Shortest duration of the carry and of the rise before it [s]; a faster rise
+            near the base demands too much of the wrist.
+        draw_radius: Radius to which the cable is dragged at that height [m].
+        rise_radius: Radius of the gripper while it rises [m].
+        arc_share: Final radius of the arc about the free end, as a share of the cable's length [-].
+        bend_out_share, bend_up_share: Shares of `bend_offsets` by which the place of the free end
+            and the cable's length are corrected [-].
+        draw_time, rise_time, arc_time, lift_time: Durations of these moves and of the final,
+            straight lift [s].
+        cast_rise_time: Duration of the rise of a polar cast [s], in place of `rise_time`. The cable
+            was dragged aside and lies askew of the plane; with a faster rise its free end swings in
+            over the base.
+        hang_time: Time for the hanging cable to come to rest [s] (section V-A).
+        swing: Casting motion.
+        cast_radius: Largest radius at which the gripper comes down [m]. It leaves room below r_max
+            for the gripper to swing out beyond it and for the elbow to stay bent.
+        reach_margin: Distance of the swing's outermost point within r_max [m]; the spline
+            overshoots this point by slightly less.
+        table_margin: Smallest distance of the landed endpoint from the table's edges [m].
+        settle_time: Pause between the swing and the pull [s].
+        pull_speed: Mean speed of the slow pull [m/s].
+        pull_time_min: Shortest duration of the pull [s].
+    """
+
+    hang_radius: float = 0.483
+    clearance: float = 0.005
+    hang_height_max: float = 0.70
+    carry_height: float = 0.19
+    carry_radius: float = 0.784
+    carry_speed: float = 0.50
+    carry_time_min: float = 0.7
+    draw_radius: float = 0.359
+    rise_radius: float = 0.265
+    arc_share: float = 0.981
+    bend_out_share: float = 0.379
+    bend_up_share: float = 0.593
+    draw_time: float = 0.919
+    rise_time: float = 1.293
+    cast_rise_time: float = 3.0
+    arc_time: float = 1.505
+    lift_time: float = 3.727
+    hang_time: float = 3.0
+    swing: Swing = dataclasses.field(default_factory=Swing)
+    cast_radius: float = 0.88
+    reach_margin: float = 0.01
+    table_margin: float = 0.01
+    settle_time: float = 0.5
+    pull_speed: float = 0.12
+    pull_time_min: float = 0.5
+
+    def __post_init__(self):
+        radius, time, speed = (0.05, 5.0, "m"), (0.01, 120.0, "s"), (1e-3, 5.0, "m/s")
+        share, length = (0.0, 2.0, ""), (0.0, 1.0, "m")
+        bounds = {
+            **dict.fromkeys((*_NEAR_RADII, "carry_radius", "cast_radius"), radius),
+            **dict.fromkeys(("clearance", "reach_margin", "table_margin"), length),
+            **dict.fromkeys(("hang_height_max", "carry_height"), (0.02, 5.0, "m")),
+            **dict.fromkeys(("arc_share", "bend_out_share", "bend_up_share"), share),
+            **dict.fromkeys(("carry_speed", "pull_speed"), speed),
+            **dict.fromkeys(("carry_time_min", "pull_time_min", "draw_time", "rise_time"), time),
+            **dict.fromkeys(("cast_rise_time", "arc_time", "lift_time"), time),
+            **dict.fromkeys(("hang_time", "settle_time"), (0.0, 120.0, "s")),
+        }
+        check_ranges(self, bounds, POLAR_SECTION)
+
+    @classmethod
+    def of_reach(cls, workspace: Workspace) -> "PolarCastConfig":
+        """Return the settings for an arm's reach.
+
+        All radii of a longer arm grow with its reach: so near to its base as the paper's, its
+        joints would have to turn faster than they can. A shorter arm cannot go out as far.
+        """
+        config, share = cls(), workspace.r_max / Workspace().r_max
+        if 1.0 / _SAME_REACH <= share <= _SAME_REACH:
+            return config
+        near = (*_NEAR_RADII, "hang_height_max") if share > 1.0 else ()
+        names = ("carry_radius", "cast_radius", *near)
+        return dataclasses.replace(config, **{n: share * getattr(config, n) for n in names})
+
+    def moved(self, near: float, height: float, cast: float) -> "PolarCastConfig":
+        """Return the settings with radii near the base, height and `cast_radius` multiplied."""
+        return dataclasses.replace(
+            self,
+            hang_height_max=height * self.hang_height_max,
+            cast_radius=cast * self.cast_radius,
+            **{name: near * getattr(self, name) for name in _NEAR_RADII},
+        )
+
+    def paced(self, lift: float, swing: float) -> "PolarCastConfig":
+        """Return the settings whose lift and swing take so many times as long."""
+        slow = dataclasses.replace(self.slowed(lift), cast_rise_time=lift * self.cast_rise_time)
+        return dataclasses.replace(slow, swing=self.swing.slowed(swing))
+
+    def slowed(self, factor: float) -> "PolarCastConfig":
+        """Return the same moves, each so many times as long."""
+        names = ("carry_time_min", "draw_time", "rise_time", "arc_time", "lift_time")
+        return dataclasses.replace(
+            self,
+            carry_speed=self.carry_speed / factor,
+            swing=self.swing.slowed(factor),
+            **{name: factor * getattr(self, name) for name in names},
+        )
+
+    def hang_height(self, cable: Cable) -> float:
+        """Height of the gripper above the table while the cable hangs [m]."""
+        height = cable.length + cable.attachment_length + self.clearance
+        return min(height, self.hang_height_max)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values that differ from the defaults, for a lab file."""
+        return _other_than(self, PolarCastConfig())
+
+    @classmethod
+    def from_dict(cls, values: Any) -> "PolarCastConfig":
+        """Make the settings from plain values; missing keys take their defaults."""
+        known = {field.name for field in dataclasses.fields(cls)}
+        values = dict(check_keys({} if values is None else values, known, POLAR_SECTION))
+        if "swing" in values:
+            known = {field.name for field in dataclasses.fields(Swing)}
+            values["swing"] = Swing(
+                **check_keys(values["swing"] or {}, known, f"{POLAR_SECTION} swing")
+            )
+        return cls(**values)
+
+
+def _other_than(settings: Any, default: Any) -> dict[str, Any]:
+    """Return the plain values of settings that differ from some default."""
+    found = {}
+    for name, value in vars(settings).items():
+        if value == (usual := getattr(default, name)):
+            continue
+        if dataclasses.is_dataclass(value):
+            found[name] = _other_than(value, usual)
+        else:
+            found[name] = list(value) if isinstance(value, tuple) else value
+    return found
 
 
 _Pair = tuple[float, float]
@@ -192,6 +414,8 @@ class Setup:
         camera: Camera above the table; None where there is none.
         strike: Stick and joint moves of a laboratory in which the cable is swung in the air; None
             where it is cast onto a table.
+        polar: Lift, swing and pull of resets and polar casts; None for those that `polar_config`
+            finds for the arm.
     """
 
     cable: Cable
@@ -201,6 +425,7 @@ class Setup:
     robot: RobotConfig | None
     camera: CameraSettings | None
     strike: StrikeConfig | None
+    polar: PolarCastConfig | None
 
     def __init__(
         self,
@@ -212,6 +437,7 @@ class Setup:
         robot: RobotConfig | None = None,
         camera: CameraSettings | None = None,
         strike: StrikeConfig | None = None,
+        polar: PolarCastConfig | None = None,
     ):
         """Make a set-up; parts that are not given are the paper's, for its arm and cable.
 
@@ -235,6 +461,7 @@ class Setup:
             "robot": robot,
             "camera": camera,
             "strike": strike,
+            "polar": polar,
         }
         for name, part in parts.items():
             object.__setattr__(self, name, part)
@@ -283,6 +510,8 @@ class Setup:
             values["camera"] = self.camera.to_dict()
         if self.strike is not None:
             values[STRIKE_SECTION] = self.strike.to_dict()
+        if self.polar is not None:
+            values[POLAR_SECTION] = self.polar.to_dict()
         return values
 
     @property
@@ -325,7 +554,7 @@ class Setup:
                 "this is a cable, not a laboratory: pass a cable file as --cable, or indent its "
                 "lines below `cable:`"
             )
-        values = check_keys(values, {*SECTIONS, *INSTRUMENTS, STRIKE_SECTION}, "the set-up")
+        values = check_keys(values, {*SECTIONS, *INSTRUMENTS, *_OPTIONAL}, "the set-up")
         robot, camera = values.get("robot"), values.get("camera")
         known = {field.name for field in dataclasses.fields(MotionConfig)}
         cable = values.get("cable", DEFAULT_CABLE)
@@ -348,12 +577,15 @@ class Setup:
             strike=StrikeConfig.from_dict(values[STRIKE_SECTION])
             if STRIKE_SECTION in values
             else None,
+            polar=PolarCastConfig.from_dict(values[POLAR_SECTION])
+            if POLAR_SECTION in values
+            else None,
         )
 
 
 def laboratory_sections(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the sections of some settings that describe a laboratory."""
-    names = (*SECTIONS, STRIKE_SECTION) if STRIKE_SECTION in values else SECTIONS
+    names = (*SECTIONS, *(name for name in _OPTIONAL if name in values))
     return {name: values[name] for name in names}
 
 
@@ -391,7 +623,8 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
 
     The grip lies at the paper's height, or as high above the table as a thicker cable needs. r_max
     is what the arm reaches at that height. After a reset the gripper is at the paper's share of
-    r_max, or nearer where the cable would reach beyond the table's far edge.
+    r_max, or nearer where the cable, and a pull of a tenth of its length, would reach beyond the
+    table's far edge.
 
     Args:
         cable: Cable.
@@ -424,7 +657,7 @@ def fitting_workspace(cable: Cable, arm: Arm, given: Mapping[str, Any]) -> Works
                 f"{arm.gripper_length:g} m"
             )
     if "reset_y" not in values:
-        far = known.y_max - cable.length - _LYING_MARGIN
+        far = known.y_max - (1.0 + _PULL_SHARE) * cable.length - _LYING_MARGIN
         near = max(known.y_min, _RESET_NEAREST * values["r_max"])
         ahead = min(max(_RESET_SHARE * values["r_max"], known.y_min), max(far, near))
         values["reset_y"] = math.floor(100 * ahead + 1e-6) / 100

@@ -143,4 +143,5 @@ def test_what_a_reset_does_to_the_cable_is_said_before_any_cast(checked, capsys)
     assert small.reset_words.startswith("the ur3e cannot make the reset of the cable: ")
     lab["arm"]["model"] = "ur5e"
     long = cc.check(cc.Setup.from_dict(lab), changes=False)
-    assert "m of it hang free: lay it straight by hand, or take another" in long.reset_words
+    remedy = "look for a swing that does with `cablecast check --tune-swing`"
+    assert f"m of it hang free: {remedy}" in long.reset_words

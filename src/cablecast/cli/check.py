@@ -1,8 +1,9 @@
 """`cablecast check`: what casts of a cable can reach, before any of them is made."""
 
 import dataclasses
+import math
 import pathlib
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cablecast.cli.options import (
     EXIT_FALLS_SHORT,
@@ -14,6 +15,10 @@ from cablecast.cli.options import (
     TaskName,
     argument,
 )
+from cablecast.errors import InputError
+
+if TYPE_CHECKING:
+    from cablecast.setup import Setup
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -26,6 +31,9 @@ class Check(AnyTargetOptions):
     laboratory reach clearly more in simulation; it draws the places. No robot is needed. The exit
     status is 3 if no cast stays on the table. With --task strike it says where swings pass in the
     air; the status is 3 if a --target cannot be struck.
+
+    It simulates the reset between casts, too. Where that folds the cable, --tune-swing looks for a
+    lift and a swing that lay it out straight, half a minute, and writes them to the lab file.
     """
 
     task: TaskName = None
@@ -35,6 +43,9 @@ class Check(AnyTargetOptions):
     r0: ArcRadius = None
     out: Annotated[pathlib.Path | None, argument("DIR", "runs/CABLE/check")] = None
     """Folder of the picture."""
+    tune_swing: bool = False
+    """Look for a swing of resets and polar casts that lays this cable out, and write it to the lab
+    file as its section `polar`."""
     seed: int = 0
     """Seed of the casts, and of what the cable may be."""
 
@@ -52,6 +63,8 @@ class Check(AnyTargetOptions):
             return check_strikes(self, setup)
         places = self.targets(setup)
         out = self.out or cable_folder(setup.cable.name) / CHECK_FOLDER
+        if self.tune_swing:
+            setup = self._tuned(setup)
         with console_progress() as progress:
             found = check(setup, target_xy=places, out=out, seed=self.seed, progress=progress)
         print(found.summary)
@@ -68,3 +81,41 @@ class Check(AnyTargetOptions):
             print("`cablecast select` compares r0 and v_max with all casts of a grid.")
         print(f"picture  {out / PICTURE_FILE}")
         return 0 if found.reaches_anything else EXIT_FALLS_SHORT
+
+    def _tuned(self, setup: "Setup") -> "Setup":
+        """Return the set-up with the better swing of its own and one that is looked for."""
+        from cablecast.cli.progress import console_progress
+        from cablecast.pipeline.check import check, is_better
+        from cablecast.setup import POLAR_SECTION, update_lab_file
+        from cablecast.tuning.swing import tune_swing
+
+        if self.setup is None or self.cable is not None:
+            raise InputError("--tune-swing writes to a lab file: give --setup, without --cable")
+        with console_progress() as progress:
+            tuned = tune_swing(setup, seed=self.seed, progress=progress)
+            old, new = (check(one, changes=False, seed=self.seed) for one in (setup, tuned))
+        if not is_better(new, old):
+            print(f"swing    none is better than that of {self.setup}, which stays as it is")
+            return setup
+        sections = {POLAR_SECTION: {**_defaults(setup), **tuned.to_dict()[POLAR_SECTION]}}
+        update_lab_file(self.setup, sections)
+        before = f"{100 * old.reset_offset:.0f} cm with the old one"
+        if math.isinf(old.reset_offset):
+            before = "the arm could not follow the old one"
+        print(
+            f"swing    the new one of {self.setup}, section `{POLAR_SECTION}`, leaves the free end "
+            f"{100 * new.reset_offset:.0f} cm from straight ahead in simulation; {before}"
+        )
+        return tuned
+
+
+def _defaults(setup: "Setup") -> dict[str, Any]:
+    """Return the defaults of what a set-up's own section says, which others replace."""
+    from cablecast.setup import PolarCastConfig
+
+    default, own = PolarCastConfig(), setup.polar
+    return (
+        {}
+        if own is None
+        else {name: getattr(default, name) for name in own.to_dict() if name != "swing"}
+    )

@@ -4,6 +4,7 @@ The predicted landings of the candidates of a forward search do not depend on th
 are computed once. A k-d tree then answers a thousand targets in milliseconds.
 """
 
+import contextlib
 import dataclasses
 import functools
 import io
@@ -21,6 +22,7 @@ from cablecast.errors import (
     CablecastError,
     CheckpointError,
     InputError,
+    JointLimitError,
     UnreadableFileError,
     check_keys,
     check_number,
@@ -42,7 +44,7 @@ from cablecast.motion.action import (
 )
 from cablecast.motion.casting import Action
 from cablecast.motion.feasibility import check_actions, feasible_actions
-from cablecast.motion.polar import PolarCast, PolarCastConfig, PolarReach
+from cablecast.motion.polar import PolarCast, PolarReach, polar_config
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
 from cablecast.runs.progress import ProgressCallback, ignore
 from cablecast.setup import Setup
@@ -664,6 +666,11 @@ class PaperPolicy(ForwardSearchPolicy):
         return chosen, self.actions[chosen], self.predicted_xy[chosen]
 
 
+_POLAR_PACES = (1.0, 0.9, 0.8)
+"""Paces of the swing of the paper's polar casts: a long cable comes down near to the base, and an
+arm may not follow the quickest back there."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PolarCastingPolicy:
     """The paper's baseline, which plans by geometry alone: nothing is learned or simulated.
@@ -677,7 +684,7 @@ class PolarCastingPolicy:
     @property
     def info(self) -> dict[str, Any]:
         """Name of the policy, and settings of its motions."""
-        cast = PolarCastConfig.of(self.setup, casts=True)
+        cast = polar_config(self.setup, casts=True)
         return {"name": "polar casting"} | dataclasses.asdict(cast)
 
     @functools.cached_property
@@ -701,14 +708,21 @@ class PolarCastingPolicy:
         """
         targets = LANDING.values(self.setup, target_xy, r=r, theta_deg=theta_deg)
         nearest = self.reach.nearest(targets)
-        casts = [PolarCast.back_to(xy, self.reach) for xy in nearest]
         return Plan(
             setup=self.setup,
             target_xy=targets,
             predicted_xy=nearest,
             inside_coverage=self.reach.contains(targets),
-            motions=tuple(plan_trajectory(cast, self.setup) for cast in casts),
+            motions=tuple(self._cast(xy) for xy in nearest),
         )
+
+    def _cast(self, xy: NDArray[np.float64]) -> Trajectory:
+        """Return the quickest cast to a place of the reach that the arm can follow."""
+        *quicker, slowest = (PolarCast.back_to(xy, self.reach, pace) for pace in _POLAR_PACES)
+        for cast in quicker:
+            with contextlib.suppress(JointLimitError):
+                return plan_trajectory(cast, self.setup)
+        return plan_trajectory(slowest, self.setup)
 
 
 _KINDS: dict[str, type[LandingModel]] = {

@@ -32,13 +32,8 @@ from cablecast.errors import (
 from cablecast.motion.grip_path import SMOOTH, GripPath, PlanePath
 from cablecast.motion.limits import check_grip_paths
 from cablecast.motion.trajectory import JointPath, Trajectory, follow
-from cablecast.setup import Setup
+from cablecast.setup import PolarCastConfig, Setup
 from cablecast.workspace import Workspace
-
-# Factor of the paper's reach, either way, up to which the paper's radii serve.
-_SAME_REACH = 1.05
-
-_NEAR_RADII = ("hang_radius", "draw_radius", "rise_radius")
 
 _PLACES = sorted(
     itertools.product((1.0, 1.15, 1.3, 0.85, 0.7, 0.55), (1.0, 0.85, 0.7, 0.55), (1.0, 0.9, 0.8)),
@@ -46,6 +41,10 @@ _PLACES = sorted(
 )
 """Factors of the radii near the base, of the hanging height and of the farthest radius that are
 tried where the arm cannot follow a reset, the least change first."""
+
+_LIFT_HEIGHTS, _LIFT_RADII, _LIFT_TIMES = 5, (1.0, 0.85, 1.15, 0.7, 1.3, 0.55), (1.0, 1.4, 2.0)
+"""Heights of a lift between the whole cable and what serves the paper's, factors of the radii near
+the base, and of the times of the lift, that are tried in this order."""
 
 _TIMES = ((1.0, 1.0), (2.0, 1.0), (1.0, 1.2), (2.0, 1.2))
 """Factors of the times of the lift and of the swing that are tried at each of these."""
@@ -67,176 +66,25 @@ _PACE = 0.9
 _PULL_POINTS = 24
 """Points of a pull aside that the path goes through."""
 
-_END_X_MAX, _GRID_COUNT, _GRID_CLOSE, _NEWTON_STEPS = 0.5, 121, 0.02, 12
-"""Largest |x| of the gripper at the end of a pull [m]; casts of the grid that a search for one
-starts from along each axis, the distance from the place within which it starts [m], and its
-steps."""
+_GRID_COUNT, _GRID_CLOSE, _NEWTON_STEPS = 121, 0.02, 12
+"""Casts of the grid that a search for one starts from along each axis, the distance from the place
+within which it starts [m], and its steps."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Swing:
-    """Fixed casting motion in the vertical plane, given by three via points.
+def polar_config(setup: Setup, *, casts: bool = False) -> PolarCastConfig:
+    """Return the settings of resets and polar casts for a set-up: its own, or found ones.
 
-    The gripper draws back, moves fast forward and up, tips up, follows the flying cable downwards,
-    and comes down. Heights run from 0 where it comes down to 1 where the cable hangs; radii run
-    from 0 at the hanging cable to 1 where it comes down. One swing thus serves every cable and
-    every landing.
-
-    The via points were optimised with the fast engine for the cable to land taut and straight. The
-    search covered the three presets, perturbed masses, stiffnesses and frictions, lagging servos,
-    swings up to 4 % faster or slower, and the slight swinging that a lift leaves behind. A cable
-    that lands slack folds to one side and amplifies its earlier sideways swing.
-
-    Attributes:
-        durations: Durations between the points [s]: from the hanging cable to the first point, to
-            the second, to the third, and to rest.
-        draw_back: Distance that the gripper is drawn back at the first point [m].
-        radii: Share of the way out at the second and the third point [-].
-        heights: Share of the hanging height at the three points [-].
-        pitches: Pitch of the gripper at the three points [rad]; it is level at both ends.
+    Where the arm cannot follow a reset with those for its reach, even slowed down, these are the
+    nearest ones with which it can: lower, farther out, shorter, or slower. Those for polar casts
+    are such that it follows a cast straight ahead, too, which is not slowed down. Where there are
+    none, those for its reach; so, too, of an arm whose joints are searched for, as each height
+    would take it seconds.
     """
-
-    durations: tuple[float, float, float, float] = (0.809, 0.213, 0.497, 0.569)
-    draw_back: float = 0.072
-    radii: tuple[float, float] = (0.371, 1.129)
-    heights: tuple[float, float, float] = (1.207, 0.996, 0.929)
-    pitches: tuple[float, float, float] = (0.560, 0.511, 0.996)
-
-    def slowed(self, factor: float) -> "Swing":
-        """Return the same swing that takes so many times as long."""
-        return dataclasses.replace(
-            self, durations=tuple(factor * duration for duration in self.durations)
-        )
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PolarCastConfig:
-    """Settings of the lift, the swing and the pull.
-
-    The lift keeps the free end on the table as long as possible (section V-A). A cable that leaves
-    the table at an angle swings like a pendulum, and three seconds do not damp it out. The gripper
-    drags the cable near the base and rises until the free end is below the hanging point. It then
-    follows an arc about the free end, slightly smaller than the cable's length, and goes straight
-    up. The last rise is slow where the free end leaves the table: at a lower speed, the end has
-    slid closer to the plumb line by then. The defaults were optimised with the fast engine after 10
-    casts, with perturbed masses, stiffnesses and frictions, for the least swing of the hanging
-    cable.
-
-    Attributes:
-        hang_radius: Distance of the hanging cable from the base axis [m].
-        clearance: Height of the lowest point above the table for a cable that hangs straight [m];
-            the bend at the gripper adds about 10 mm.
-        hang_height_max: Largest height of the lift [m]; a longer cable keeps its end on the table.
-            The swing rises a fifth higher, where the arm can follow it up to 0.71 m.
-        carry_height: Height at which the cable is carried in front of the base [m].
-        carry_radius: Radius to which it is carried [m].
-        carry_speed: Mean speed of the carry [m/s].
-        carry_time_min: Shortest duration of the carry and of the rise before it [s]; a faster rise
-            near the base demands too much of the wrist.
-        draw_radius: Radius to which the cable is dragged at that height [m].
-        rise_radius: Radius of the gripper while it rises [m].
-        arc_share: Final radius of the arc about the free end, as a share of the cable's length [-].
-        bend_out_share, bend_up_share: Shares of `bend_offsets` by which the place of the free end
-            and the cable's length are corrected [-].
-        draw_time, rise_time, arc_time, lift_time: Durations of these moves and of the final,
-            straight lift [s].
-        cast_rise_time: Duration of the rise of a polar cast [s], in place of `rise_time`. The cable
-            was dragged aside and lies askew of the plane; with a faster rise its free end swings in
-            over the base.
-        hang_time: Time for the hanging cable to come to rest [s] (section V-A).
-        swing: Casting motion.
-        cast_radius: Largest radius at which the gripper comes down [m]. It leaves room below r_max
-            for the gripper to swing out beyond it and for the elbow to stay bent.
-        reach_margin: Distance of the swing's outermost point within r_max [m]; the spline
-            overshoots this point by slightly less.
-        table_margin: Smallest distance of the landed endpoint from the table's edges [m].
-        settle_time: Pause between the swing and the pull [s].
-        pull_speed: Mean speed of the slow pull [m/s].
-        pull_time_min: Shortest duration of the pull [s].
-    """
-
-    hang_radius: float = 0.483
-    clearance: float = 0.005
-    hang_height_max: float = 0.70
-    carry_height: float = 0.19
-    carry_radius: float = 0.784
-    carry_speed: float = 0.50
-    carry_time_min: float = 0.7
-    draw_radius: float = 0.359
-    rise_radius: float = 0.265
-    arc_share: float = 0.981
-    bend_out_share: float = 0.379
-    bend_up_share: float = 0.593
-    draw_time: float = 0.919
-    rise_time: float = 1.293
-    cast_rise_time: float = 3.0
-    arc_time: float = 1.505
-    lift_time: float = 3.727
-    hang_time: float = 3.0
-    swing: Swing = dataclasses.field(default_factory=Swing)
-    cast_radius: float = 0.88
-    reach_margin: float = 0.01
-    table_margin: float = 0.01
-    settle_time: float = 0.5
-    pull_speed: float = 0.12
-    pull_time_min: float = 0.5
-
-    @classmethod
-    def of(cls, setup: Setup, *, casts: bool = False) -> "PolarCastConfig":
-        """Return the settings for the arm and the cable of a set-up.
-
-        Where the arm cannot follow a reset with those for its reach, even slowed down, these are
-        the nearest ones with which it can: lower, farther out, shorter, or slower. Those for polar
-        casts are such that it follows a cast straight ahead, too, which is not slowed down. Where
-        there are none, those for its reach; so, too, of an arm whose joints are searched for, as
-        each height would take it seconds.
-        """
-        if not setup.arm.solves_exactly:
-            return cls.of_reach(setup.workspace)
-        return _followed(setup, casts)
-
-    @classmethod
-    def of_reach(cls, workspace: Workspace) -> "PolarCastConfig":
-        """Return the settings for an arm's reach.
-
-        All radii of a longer arm grow with its reach: so near to its base as the paper's, its
-        joints would have to turn faster than they can. A shorter arm cannot go out as far.
-        """
-        config, share = cls(), workspace.r_max / Workspace().r_max
-        if 1.0 / _SAME_REACH <= share <= _SAME_REACH:
-            return config
-        near = (*_NEAR_RADII, "hang_height_max") if share > 1.0 else ()
-        names = ("carry_radius", "cast_radius", *near)
-        return dataclasses.replace(config, **{n: share * getattr(config, n) for n in names})
-
-    def moved(self, near: float, height: float, cast: float) -> "PolarCastConfig":
-        """Return the settings with radii near the base, height and `cast_radius` multiplied."""
-        return dataclasses.replace(
-            self,
-            hang_height_max=height * self.hang_height_max,
-            cast_radius=cast * self.cast_radius,
-            **{name: near * getattr(self, name) for name in _NEAR_RADII},
-        )
-
-    def paced(self, lift: float, swing: float) -> "PolarCastConfig":
-        """Return the settings whose lift and swing take so many times as long."""
-        slow = dataclasses.replace(self.slowed(lift), cast_rise_time=lift * self.cast_rise_time)
-        return dataclasses.replace(slow, swing=self.swing.slowed(swing))
-
-    def slowed(self, factor: float) -> "PolarCastConfig":
-        """Return the same moves, each so many times as long."""
-        names = ("carry_time_min", "draw_time", "rise_time", "arc_time", "lift_time")
-        return dataclasses.replace(
-            self,
-            carry_speed=self.carry_speed / factor,
-            swing=self.swing.slowed(factor),
-            **{name: factor * getattr(self, name) for name in names},
-        )
-
-    def hang_height(self, cable: Cable) -> float:
-        """Height of the gripper above the table while the cable hangs [m]."""
-        height = cable.length + cable.attachment_length + self.clearance
-        return min(height, self.hang_height_max)
+    if setup.polar is not None:
+        return setup.polar
+    if not setup.arm.solves_exactly:
+        return PolarCastConfig.of_reach(setup.workspace)
+    return _followed(setup, casts)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -269,7 +117,7 @@ class PolarReach:
     def of(cls, setup: Setup, config: PolarCastConfig | None = None) -> "PolarReach":
         """Return the region for the cable and table of a set-up."""
         cable, workspace = setup.cable, setup.workspace
-        config = config or PolarCastConfig.of(setup, casts=True)
+        config = config or polar_config(setup, casts=True)
         reach = cls(
             cable_length=cable.length,
             cast_radius=min(config.cast_radius, workspace.r_max),
@@ -404,7 +252,8 @@ def _swing_out(
     # For the cable to land taut, the gripper swings out beyond the radius where it comes down, but
     # stays within the arm's reach.
     farthest = max(radius, workspace.r_max - config.reach_margin)
-    outer = [min(near + share * (radius - near), farthest) for share in swing.radii]
+    span = config.cast_radius - near
+    outer = [min(near + share * span, farthest) for share in swing.radii]
     path.through(
         np.cumsum(swing.durations).tolist(),
         radius=[near - swing.draw_back, *outer, radius],
@@ -506,7 +355,7 @@ class PolarCast:
 
     def grip_path(self, setup: Setup) -> GripPath:
         """Return the path of the gripper from the reset pose, one row."""
-        return _cast_path(self, setup, PolarCastConfig.of(setup, casts=True))
+        return _cast_path(self, setup, polar_config(setup, casts=True))
 
     def set_points(self, grip_path: GripPath, setup: Setup) -> JointPath:
         """Return the set points of the joints that follow the path of the gripper."""
@@ -589,7 +438,7 @@ class PullReach:
         """
         back = PolarReach.of(setup)
         far = float(np.sqrt(max(back.cast_radius**2 - back.grip_y_min**2, 0.0)))
-        return cls(back=back, end_x_max=min(far, _END_X_MAX))
+        return cls(back=back, end_x_max=min(far, back.half_width))
 
     def end_xy(self, casts: ArrayLike) -> Array:
         """Return where casts bring the end of a straight cable [m], shape [..., 2].
@@ -655,9 +504,57 @@ class PullReach:
         return casts, self.end_xy(casts), np.abs(back - casts[:, 0])
 
 
+def lift_path(start: ArrayLike, setup: Setup, config: PolarCastConfig) -> GripPath:
+    """Return the gripper path of the lift from x, y, z [m], yaw, pitch [rad], until it may swing.
+
+    The cable then hangs straight ahead.
+    """
+    path = PlanePath(check_finite("start", start, 5))
+    return _lift(path, setup.cable, config).hold(config.hang_time).grip_path()
+
+
+def swing_path(radius: float, rest: float, setup: Setup, config: PolarCastConfig) -> GripPath:
+    """Return the gripper path from the hanging cable on, straight ahead.
+
+    Args:
+        radius: Distance at which the gripper comes down [m].
+        rest: Distance to which it is pulled back [m].
+        setup: Cable and workspace.
+        config: Settings of the swing and the pull.
+    """
+    path = PlanePath([0.0, config.hang_radius, config.hang_height(setup.cable), 0.0, 0.0])
+    _swing_out(path, radius, setup.workspace, config)
+    return _pull_back(path, rest, config).grip_path()
+
+
+def liftable(setup: Setup, starts: Array) -> PolarCastConfig | None:
+    """Return settings with which an arm lifts the cable from some poses as high as it can.
+
+    The whole cable hangs free, if the arm reaches so high; else as much as can. None where the arm
+    can follow no lift that was tried.
+
+    Args:
+        setup: Cable, workspace and arm.
+        starts: Poses x, y, z [m], yaw, pitch [rad], shape [start, 5].
+    """
+    config, cable = PolarCastConfig.of_reach(setup.workspace), setup.cable
+    whole = cable.length + cable.attachment_length + config.clearance
+    low = min(whole, config.hang_height_max)
+    highest = np.linspace(whole, low, _LIFT_HEIGHTS) if whole > low else [low]
+    lower = low * np.array([0.85, 0.7, 0.55, 0.4])
+    for height, near, time in itertools.product([*highest, *lower], _LIFT_RADII, _LIFT_TIMES):
+        one = config.moved(near, 1.0, 1.0).paced(time, 1.0)
+        one = dataclasses.replace(one, hang_height_max=round(float(height), 4))
+        with contextlib.suppress(CablecastError):
+            paths = [lift_path(start, setup, one) for start in starts]
+            if check_grip_paths(GripPath.stack(paths), setup).mask.all():
+                return one
+    return None
+
+
 def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = None) -> GripPath:
     """Return the gripper path of a reset from x, y, z [m], yaw, pitch [rad], shape [5]."""
-    config, cable = config or PolarCastConfig.of(setup), setup.cable
+    config, cable = config or polar_config(setup), setup.cable
     path = PlanePath(check_finite("start", start, 5))
     _lift(path, cable, config).hold(config.hang_time)
     radius = float(PolarReach.of(setup, config).landing_radius(0.0)) - cable.length
@@ -707,7 +604,7 @@ def plan_reset(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
     Raises:
         JointLimitError: The arm cannot follow; the message names each limit with its value.
     """
-    config = config or PolarCastConfig.of(setup)
+    config = config or polar_config(setup)
     *quicker, slowest = _SLOWDOWNS
 
     def planned(times: float, what: str) -> Trajectory:

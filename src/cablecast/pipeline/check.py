@@ -35,7 +35,7 @@ from cablecast.motion.feasibility import (
 )
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.limits import check_grip_paths
-from cablecast.motion.polar import PolarCastConfig, PullReach, plan_reset, reset_pose
+from cablecast.motion.polar import PullReach, plan_reset, polar_config, reset_pose
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
@@ -153,9 +153,10 @@ class LabCheck:
         followed: Share of the drawn motions that the arm can follow in front of the table [-].
         broken: Limit that most of the others break; empty where it follows all.
         changes: Changes that reach more, the best first.
-        reset_offset: Distance from straight ahead at which a simulated reset leaves the free end of
-            the most likely cable [m]; infinite where the arm cannot follow a reset.
-        lays_out: Whether a simulated swing lays that cable out straight; polar casts count if so.
+        reset_offset: Mean distance from straight ahead at which a simulated reset leaves the free
+            end of what the cable may be [m]; infinite where the arm cannot follow a reset.
+        lays_out: Whether a simulated swing lays most of these cables out straight; polar casts
+            count if so.
     """
 
     setup: Setup
@@ -284,16 +285,19 @@ class LabCheck:
     def reset_words(self) -> str:
         """What is wrong with the reset between casts, in one sentence; empty where nothing is."""
         setup, by_hand = self.setup, "lay it straight by hand, or take another"
+        tunes = setup.polar is None and setup.arm.solves_exactly
+        tune = "look for a swing that does with `cablecast check --tune-swing`"
         if math.isinf(self.reset_offset):
-            return f"the {setup.arm.model} cannot make the reset of the cable: {by_hand} arm"
+            remedy = tune if tunes else f"{by_hand} arm"
+            return f"the {setup.arm.model} cannot make the reset of the cable: {remedy}"
         if self.reset_offset < LAID_OUT * setup.cable.length:
             return ""
-        hangs = PolarCastConfig.of(setup).hang_height(setup.cable)
+        hangs = polar_config(setup).hang_height(setup.cable)
         length = setup.cable.length + setup.cable.attachment_length
         why = f", as only {hangs:.2f} m of it hang free" if hangs < length else ""
         return (
             f"in simulation a reset leaves the free end {100.0 * self.reset_offset:.0f} cm from "
-            f"straight ahead{why}: {by_hand} cable"
+            f"straight ahead{why}: {tune if tunes else f'{by_hand} cable'}"
         )
 
     def _passed_edge(self) -> str:
@@ -310,6 +314,13 @@ class LabCheck:
         """Return why no cast is worth making, and what would change that."""
         what = f"no cast of {self.setup.cable.name} stays on the table"
         return f"{what}: {'; '.join(self.limits)}. {remedy(self.changes)}"
+
+
+def is_better(tuned: LabCheck, old: LabCheck) -> bool:
+    """Return whether a swing lays the cable out where another did not, or straighter."""
+    if tuned.lays_out != old.lays_out:
+        return tuned.lays_out
+    return tuned.reset_offset < old.reset_offset
 
 
 def remedy(changes: tuple[Change, ...]) -> str:
@@ -380,7 +391,7 @@ def _believed(setup: Setup, seed: int) -> LabCheck:
         member.with_params(member.params.without_material())
         for member in Tuned.believed(setup, seed).members
     )
-    offset, lays_out = _swings(setup, members[0])
+    offset, lays_out = _swings(setup, members)
     found = _simulated(setup, members, seed, lays_out)
     drawn = check_actions(_drawn(setup, _CAST_COUNT, seed), setup)
     return dataclasses.replace(
@@ -392,11 +403,12 @@ def _believed(setup: Setup, seed: int) -> LabCheck:
     )
 
 
-def _swings(setup: Setup, dynamics: Dynamics) -> tuple[float, bool]:
-    """Return where a reset leaves the free end, and whether a swing lays the cable out straight.
+def _swings(setup: Setup, members: tuple[Dynamics, ...]) -> tuple[float, bool]:
+    """Return where a reset leaves the free end, and whether a swing lays most cables out straight.
 
-    The first is its distance from straight ahead [m], infinite where the arm cannot follow. An arm
-    whose joints are searched for would take minutes, and is given the benefit of the doubt.
+    The first is its mean distance from straight ahead over the cables that it may be [m], infinite
+    where the arm cannot follow; none is farther than its length. An arm whose joints are searched
+    for would take minutes, and is given the benefit of the doubt.
     """
     if not setup.arm.solves_exactly:
         return 0.0, True
@@ -416,11 +428,14 @@ def _swings(setup: Setup, dynamics: Dynamics) -> tuple[float, bool]:
     if not paths:
         return math.inf, False
     engine = make_engine("warp", _SEGMENT_COUNT, _DT)
-    rollout = dynamics.rollout(engine, setup, GripPath.stack(paths), sample_dt=_SAMPLE_DT)
-    off = np.linalg.norm(rollout.endpoint_xy[:, -1] - np.array(ends), axis=1)
-    off = np.where(np.isfinite(off), off, length)
-    reset = float(off[0]) if has_reset else math.inf
-    return reset, bool(np.any(off[has_reset:] < LAID_OUT * length))
+    path = GripPath.stack(paths)
+    rollouts = [member.rollout(engine, setup, path, sample_dt=_SAMPLE_DT) for member in members]
+    landed = np.stack([rollout.endpoint_xy[:, -1] for rollout in rollouts])
+    off = np.linalg.norm(landed - np.array(ends), axis=2)
+    off = np.where(np.isfinite(off), np.minimum(off, length), length)
+    reset = float(np.mean(off[:, 0])) if has_reset else math.inf
+    straight = np.mean(off[:, has_reset:] < LAID_OUT * length, axis=0)
+    return reset, bool(np.any(straight > 0.5))
 
 
 def _simulated(setup: Setup, members: tuple[Dynamics, ...], seed: int, lays_out: bool) -> LabCheck:
