@@ -81,7 +81,7 @@ def play(args: PromisesArgs, seed: int) -> dict[str, Any]:
     except cc.CablecastError as error:
         return found | {"refused": "description", "reason": str(error)}
     found |= {"reset": checked.reset_offset / setup.cable.length, "lays_out": checked.lays_out}
-    if checked.reset_words:
+    if checked.swing_words:
         setup, checked = tuned(setup, checked)
         found["tuned"] = checked.reset_offset / setup.cable.length
     if not checked.reaches_anything:

@@ -134,14 +134,14 @@ def test_what_to_expect_of_a_target_is_said_by_the_casts_that_reach_it(checked):
 
 @pytest.mark.usefixtures("few_casts")
 def test_what_a_reset_does_to_the_cable_is_said_before_any_cast(checked, capsys):
-    assert checked.reset_words == ""
+    assert checked.swing_words == ""
     rope = {"name": "rope", "kind": "rope", "length": 0.8, "diameter": 0.008, "mass": 0.02}
     table = {"table_width": 2.75, "table_depth": 2.75, "table_near_y": 0.0}
     lab = {"cable": rope, "workspace": table, "arm": {"model": "ur3e", "base_height": 0.1}}
     small = cc.check(cc.Setup.from_dict(lab), changes=False)
     assert not small.lays_out
-    assert small.reset_words.startswith("the ur3e cannot make the reset of the cable: ")
+    assert small.swing_words.startswith("the ur3e cannot make the reset of the cable: ")
     lab["arm"]["model"] = "ur5e"
     long = cc.check(cc.Setup.from_dict(lab), changes=False)
     remedy = "look for a swing that does with `cablecast check --tune-swing`"
-    assert f"m of it hang free: {remedy}" in long.reset_words
+    assert f"m of it hang free: {remedy}" in long.swing_words

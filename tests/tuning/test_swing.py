@@ -2,12 +2,14 @@
 
 import dataclasses
 import math
+import pathlib
 
 import numpy as np
 import pytest
 
 import cablecast as cc
 from cablecast.cli.main import main
+from cablecast.errors import JointLimitError
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.limits import check_grip_paths
 from cablecast.motion.polar import plan_reset, polar_config, reset_pose, swing_path
@@ -36,8 +38,8 @@ def test_it_lays_the_cable_straighter_than_the_standard_swing(tuned):
     assert new.reset_offset < 0.7 * old.reset_offset
     assert is_better(new, old)
     assert not is_better(old, new)
-    assert "--tune-swing" in old.reset_words
-    assert "--tune-swing" not in new.reset_words
+    assert "--tune-swing" in old.swing_words
+    assert "--tune-swing" not in new.swing_words
 
 
 def test_the_arm_follows_it_and_the_gripper_stays_above_the_table(tuned):
@@ -114,6 +116,18 @@ def test_settings_survive_a_lab_file_and_bad_ones_are_named(tmp_path):
     for values, message in wrong:
         with pytest.raises(cc.CablecastError, match=message):
             cc.Setup.from_dict({"polar": values})
+
+
+def test_no_swing_is_kept_that_a_real_arm_would_refuse(monkeypatch):
+    def refuse(*_: object) -> None:
+        raise JointLimitError("too close to the camera post")
+
+    monkeypatch.setattr(swing, "GENERATIONS", FEW)
+    setup = load_setup(pathlib.Path(__file__).parents[2] / "examples" / "robot.yaml")
+    assert cc.tune_swing(setup).polar is not None
+    monkeypatch.setattr(swing, "check_path", refuse)
+    with pytest.raises(cc.CablecastError, match="can follow no swing of this cable"):
+        cc.tune_swing(setup)
 
 
 def test_an_arm_whose_joints_are_searched_for_is_refused():

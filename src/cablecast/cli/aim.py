@@ -215,8 +215,8 @@ def _within_reach(
     if force:
         return targets, []
     found = check(setup, changes=False)
-    if found.reset_words:
-        print(f"the reset: {found.reset_words}", flush=True)
+    if found.swing_words:
+        print(f"the swing: {found.swing_words}", flush=True)
     is_beyond = [found.is_out_of_reach(target) for target in targets]
     beyond = [(target, found.words_at(target)) for target in targets[is_beyond]]
     for xy, why in beyond:

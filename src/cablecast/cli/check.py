@@ -70,8 +70,8 @@ class Check(AnyTargetOptions):
         print(found.summary)
         for limit in found.limits:
             print(f"  {limit}")
-        if found.reset_words:
-            print(f"reset    {found.reset_words}")
+        if found.swing_words:
+            print(f"swing    {found.swing_words}")
         for xy in places:
             print(f"target   {polar_text(xy)}\n         {found.words_at(xy)}")
         print("Simulated casts reach more with" if found.changes else f"{remedy(())}.")

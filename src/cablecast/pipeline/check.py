@@ -282,8 +282,8 @@ class LabCheck:
         return tuple(lines)
 
     @property
-    def reset_words(self) -> str:
-        """What is wrong with the reset between casts, in one sentence; empty where nothing is."""
+    def swing_words(self) -> str:
+        """What is wrong with the swing of resets and polar casts, in one sentence, if anything."""
         setup, by_hand = self.setup, "lay it straight by hand, or take another"
         tunes = setup.polar is None and setup.arm.solves_exactly
         tune = "look for a swing that does with `cablecast check --tune-swing`"
@@ -291,7 +291,8 @@ class LabCheck:
             remedy = tune if tunes else f"{by_hand} arm"
             return f"the {setup.arm.model} cannot make the reset of the cable: {remedy}"
         if self.reset_offset < LAID_OUT * setup.cable.length:
-            return ""
+            words = f"a reset lays the cable out straight, but no polar cast does: {tune}"
+            return words if tunes and not self.lays_out else ""
         hangs = polar_config(setup).hang_height(setup.cable)
         length = setup.cable.length + setup.cable.attachment_length
         why = f", as only {hangs:.2f} m of it hang free" if hangs < length else ""

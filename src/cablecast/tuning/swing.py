@@ -28,9 +28,12 @@ from cablecast.motion.polar import (
     PolarReach,
     lift_path,
     liftable,
+    plan_reset,
     reset_pose,
     swing_path,
 )
+from cablecast.rigs.arm import RESET_DT, curve_of
+from cablecast.rigs.path import check_path
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import PolarCastConfig, Setup, Swing
 from cablecast.tuning.tuned import Tuned
@@ -134,12 +137,16 @@ class _Search:
             progress(dataclasses.replace(state, done=generation))
             points = np.array(search.ask())
             costs = self.costs(points)
+            while costs.min() < min(cost, _INFEASIBLE):
+                row = int(np.argmin(costs))
+                if self._is_driven(points[row]):
+                    best, cost = points[row], float(costs[row])
+                else:
+                    costs[row] = _INFEASIBLE
             search.tell(points, costs.tolist())
-            if costs.min() < cost:
-                best, cost = points[np.argmin(costs)], float(costs.min())
             if cost < STRAIGHT or search.stop():
                 break
-        if cost >= _INFEASIBLE:
+        if np.isinf(cost):
             raise InputError(
                 f"the {self.setup.arm.model} can follow no swing of this cable that was tried"
             )
@@ -191,6 +198,17 @@ class _Search:
             else:
                 excess += float(np.maximum(found.peaks[row] / found.bounds - 1.0, 0.0).sum())
         return excess
+
+    def _is_driven(self, point: NDArray[np.float64]) -> bool:
+        """Return whether a real arm may make the reset of a candidate; true where there is none."""
+        if self.setup.robot is None:
+            return True
+        setup = dataclasses.replace(self.setup, polar=self.config_of(point))
+        with contextlib.suppress(CablecastError):
+            slow = setup.with_motion(control_dt=RESET_DT)
+            check_path(curve_of(plan_reset(self.starts[0], slow)), setup, "the reset")
+            return True
+        return False
 
     def _offsets(self, candidates: list[list[GripPath]]) -> NDArray[np.float64]:
         """Return how far from straight candidates leave the free end [cable lengths]."""
