@@ -9,6 +9,7 @@ import pytest
 
 import cablecast as cc
 from cablecast.cli.main import main
+from cablecast.cli.options import load_lab
 from cablecast.errors import JointLimitError
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.limits import check_grip_paths
@@ -137,3 +138,10 @@ def test_an_arm_whose_joints_are_searched_for_is_refused():
     setup = dataclasses.replace(cc.Setup(), arm=Searched())
     with pytest.raises(cc.CablecastError, match="that would take hours for ur5"):
         cc.tune_swing(setup)
+
+
+def test_another_cable_than_the_file_s_has_the_standard_swing(tmp_path):
+    own = dataclasses.replace(cc.Setup(), polar=PolarCastConfig(hang_radius=0.5))
+    cc.save_setup(own, tmp_path / "lab.yaml")
+    assert load_lab(tmp_path / "lab.yaml", None).polar == own.polar
+    assert load_lab(tmp_path / "lab.yaml", "cable_2").polar is None
