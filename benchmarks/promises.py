@@ -187,7 +187,7 @@ def resets(found: Sequence[dict[str, Any]]) -> Table:
     standard = [lab["reset"] for lab in described]
     last = [lab.get("tuned", lab["reset"]) for lab in described]
     rows = [
-        (words, len(described), sum(off < LAID_OUT for off in offsets))
+        (words, len(described), sum(off is not None and off < LAID_OUT for off in offsets))
         for words, offsets in (("the standard one", standard), ("or a tuned one", last))
     ]
     return Table("Resets", ("swing", "labs", "laid out straight"), rows)

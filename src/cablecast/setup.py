@@ -103,7 +103,7 @@ class Swing:
 
     The gripper draws back, moves fast forward and up, tips up, follows the flying cable downwards,
     and comes down. Heights run from 0 where it comes down to 1 where the cable hangs; radii run
-    from 0 at the hanging cable to 1 at the farthest radius at which the gripper comes down. On a
+    from 0 at the hanging cable to 1 at `cast_radius`, where the gripper comes down at most. On a
     table that is short for the cable it comes down nearer, after the same swing.
 
     The default via points were optimised with the fast engine for the cable to land taut and
@@ -129,7 +129,8 @@ class Swing:
 
     def __post_init__(self):
         bounds = {
-            "durations": (4, 0.05, 20.0, "s"),
+            # A swing may be slowed down.
+            "durations": (4, 0.01, 100.0, "s"),
             "radii": (2, -5.0, 5.0, ""),
             "heights": (3, 0.0, 3.0, ""),
             "pitches": (3, -1.5, 1.5, "rad"),
@@ -167,7 +168,7 @@ class PolarCastConfig:
         clearance: Height of the lowest point above the table for a cable that hangs straight [m];
             the bend at the gripper adds about 10 mm.
         hang_height_max: Largest height of the lift [m]; a longer cable keeps its end on the table.
-            The swing rises a fifth higher, where the arm can follow it up to 0.71 m.
+            The default swing rises a fifth higher, where a UR5 can follow it up to 0.71 m.
         carry_height: Height at which the cable is carried in front of the base [m].
         carry_radius: Radius to which it is carried [m].
         carry_speed: Mean speed of the carry [m/s].
@@ -176,8 +177,8 @@ class PolarCastConfig:
         draw_radius: Radius to which the cable is dragged at that height [m].
         rise_radius: Radius of the gripper while it rises [m].
         arc_share: Final radius of the arc about the free end, as a share of the cable's length [-].
-        bend_out_share, bend_up_share: Shares of `bend_offsets` by which the place of the free end
-            and the cable's length are corrected [-].
+        bend_out_share, bend_up_share: Shares of the bend at the gripper by which the place of the
+            free end and the cable's length are corrected [-].
         draw_time, rise_time, arc_time, lift_time: Durations of these moves and of the final,
             straight lift [s].
         cast_rise_time: Duration of the rise of a polar cast [s], in place of `rise_time`. The cable
@@ -228,7 +229,8 @@ class PolarCastConfig:
             **dict.fromkeys((*_NEAR_RADII, "carry_radius", "cast_radius"), radius),
             **dict.fromkeys(("clearance", "reach_margin", "table_margin"), length),
             **dict.fromkeys(("hang_height_max", "carry_height"), (0.02, 5.0, "m")),
-            **dict.fromkeys(("arc_share", "bend_out_share", "bend_up_share"), share),
+            **dict.fromkeys(("bend_out_share", "bend_up_share"), share),
+            "arc_share": (0.5, 2.0, ""),
             **dict.fromkeys(("carry_speed", "pull_speed"), speed),
             **dict.fromkeys(("carry_time_min", "pull_time_min", "draw_time", "rise_time"), time),
             **dict.fromkeys(("cast_rise_time", "arc_time", "lift_time"), time),
@@ -280,33 +282,21 @@ class PolarCastConfig:
         return min(height, self.hang_height_max)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the values that differ from the defaults, for a lab file."""
-        return _other_than(self, PolarCastConfig())
+        """Return plain values for a lab file."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))
 
     @classmethod
-    def from_dict(cls, values: Any) -> "PolarCastConfig":
-        """Make the settings from plain values; missing keys take their defaults."""
+    def from_dict(cls, values: Any, workspace: Workspace) -> "PolarCastConfig":
+        """Make the settings from plain values; missing keys take those for an arm's reach."""
         known = {field.name for field in dataclasses.fields(cls)}
-        values = dict(check_keys({} if values is None else values, known, POLAR_SECTION))
+        values = dict(check_keys(values, known, POLAR_SECTION))
         if "swing" in values:
+            what = f"{POLAR_SECTION} swing"
             known = {field.name for field in dataclasses.fields(Swing)}
-            values["swing"] = Swing(
-                **check_keys(values["swing"] or {}, known, f"{POLAR_SECTION} swing")
-            )
-        return cls(**values)
-
-
-def _other_than(settings: Any, default: Any) -> dict[str, Any]:
-    """Return the plain values of settings that differ from some default."""
-    found = {}
-    for name, value in vars(settings).items():
-        if value == (usual := getattr(default, name)):
-            continue
-        if dataclasses.is_dataclass(value):
-            found[name] = _other_than(value, usual)
-        else:
-            found[name] = list(value) if isinstance(value, tuple) else value
-    return found
+            values["swing"] = swing = Swing(**check_keys(values["swing"], known, what))
+            for duration in swing.durations:
+                check_number(f"{what} durations", duration, 0.1, 10.0, "s")
+        return dataclasses.replace(cls.of_reach(workspace), **values)
 
 
 _Pair = tuple[float, float]
@@ -488,6 +478,12 @@ class Setup:
                 f"lying cable at {cable.radius:g} m"
             )
 
+    def with_cable(self, cable: Cable | str | os.PathLike[str]) -> "Setup":
+        """Return the set-up with another cable, for which its own swing does not count."""
+        cable = cable if isinstance(cable, Cable) else load_cable(cable)
+        polar = self.polar if cable == self.cable else None
+        return dataclasses.replace(self, cable=cable, polar=polar)
+
     def with_motion(self, **changes: float) -> "Setup":
         """Return the set-up with other values of `MotionConfig`.
 
@@ -557,12 +553,7 @@ class Setup:
         values = check_keys(values, {*SECTIONS, *INSTRUMENTS, *_OPTIONAL}, "the set-up")
         robot, camera = values.get("robot"), values.get("camera")
         known = {field.name for field in dataclasses.fields(MotionConfig)}
-        cable = values.get("cable", DEFAULT_CABLE)
-        if isinstance(cable, str):
-            local = pathlib.Path(folder or ".") / cable
-            cable = load_cable(local if local.is_file() else cable)
-        else:
-            cable = Cable.from_dict(cable)
+        cable = _cable_of(values, folder)
         arm = arm_from_dict(values.get("arm", {}), folder)
         workspace = fitting_workspace(cable, arm, values.get("workspace", {}))
         motion = check_keys(values.get("motion", {}), known, "motion")
@@ -577,10 +568,19 @@ class Setup:
             strike=StrikeConfig.from_dict(values[STRIKE_SECTION])
             if STRIKE_SECTION in values
             else None,
-            polar=PolarCastConfig.from_dict(values[POLAR_SECTION])
-            if POLAR_SECTION in values
+            polar=PolarCastConfig.from_dict(values[POLAR_SECTION], workspace)
+            if values.get(POLAR_SECTION) is not None
             else None,
         )
+
+
+def _cable_of(values: Mapping[str, Any], folder: str | os.PathLike[str] | None) -> Cable:
+    """Return the cable of a lab file, given by its name, a path or its keys."""
+    cable = values.get("cable", DEFAULT_CABLE)
+    if not isinstance(cable, str):
+        return Cable.from_dict(cable)
+    local = pathlib.Path(folder or ".") / cable
+    return load_cable(local if local.is_file() else cable)
 
 
 def laboratory_sections(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -669,7 +669,8 @@ def load_setup(path: str | os.PathLike[str], cable: Cable | None = None) -> Setu
 
     Args:
         path: YAML file with the sections of `SECTIONS` and `INSTRUMENTS`, all optional.
-        cable: Cable in place of the file's.
+        cable: Cable in place of the file's. The section `polar`, which is for the file's, does not
+            count for another one.
 
     Raises:
         UnknownNameError: There is no such file, cable or arm model.
@@ -679,6 +680,8 @@ def load_setup(path: str | os.PathLike[str], cable: Cable | None = None) -> Setu
     try:
         values = read_yaml(path)
         if cable is not None:
+            if values.get(POLAR_SECTION) is not None and cable != _cable_of(values, path.parent):
+                values = {**values, POLAR_SECTION: None}
             values = {**values, "cable": cable.to_dict()}
         return Setup.from_dict(values, path.parent)
     except FileNotFoundError:
@@ -712,11 +715,12 @@ def update_lab_file(path: pathlib.Path, changes: Mapping[str, Mapping[str, Any]]
         if not isinstance(old, Mapping):
             raise InputError(f"section `{name}` of {path} must be a mapping to be changed")
         values[name] = {**old, **section}
-        for key, value in section.items():
-            text = _with_value(text, name, key, value)
     try:
+        for name, section in changes.items():
+            for key, value in section.items():
+                text = _with_value(text, name, key, value)
         written = parse_yaml(text, str(path))
-    except InputError:
+    except (InputError, yaml.YAMLError):
         written = None
     if written != values:
         raise InputError(f"{path} cannot be changed: write each section on lines of its own")

@@ -102,21 +102,90 @@ def test_settings_survive_a_lab_file_and_bad_ones_are_named(tmp_path):
     setup = dataclasses.replace(cc.Setup(), polar=own)
     cc.save_setup(setup, tmp_path / "lab.yaml")
     assert load_setup(tmp_path / "lab.yaml") == setup
-    assert setup.to_dict()["polar"] == {
-        "hang_radius": 0.5,
-        "swing": {"draw_back": 0.1, "radii": [0.4, 1.2]},
-    }
     assert setup.to_settings()["polar"] == setup.to_dict()["polar"]
+    assert setup.to_dict()["polar"]["swing"]["radii"] == [0.4, 1.2]
     wrong = [
         ({"hang_radius": 9.0}, "polar hang_radius = 9 m"),
+        ({"arc_share": 0}, "polar arc_share = 0 is outside"),
         ({"swing": {"radii": [1.0]}}, r"polar swing radii = \[1.0\] must be a list of 2 numbers"),
         ({"swing": {"pitches": [0, 0, math.nan]}}, "polar swing pitches"),
+        ({"swing": {"durations": [20, 1, 1, 1]}}, "polar swing durations = 20 s is outside"),
         ({"swing": {"radius": 1.0}}, "radius"),
+        ({"swing": []}, "swing"),
         ({"height": 1.0}, "height"),
     ]
     for values, message in wrong:
         with pytest.raises(cc.CablecastError, match=message):
             cc.Setup.from_dict({"polar": values})
+
+
+@pytest.mark.parametrize("model", ["ur3e", "ur10e", "ur20"])
+def test_a_key_written_by_hand_leaves_the_others_as_the_arm_needs_them(model):
+    lab = {"arm": {"model": model}, "polar": {"pull_speed": 0.1}}
+    setup = cc.Setup.from_dict(lab)
+    expected = PolarCastConfig.of_reach(setup.workspace)
+    assert setup.polar == dataclasses.replace(expected, pull_speed=0.1)
+    assert cc.Setup.from_dict({**lab, "polar": None}).polar is None
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"rise_radius": 2.0}, "the arm cannot follow this reset"),
+        (
+            {"swing": {"durations": [2, 2, 2, 2], "heights": [1, 0, 0], "pitches": [0, 0, 0]}},
+            "z of",
+        ),
+    ],
+)
+def test_a_path_that_no_arm_should_make_is_refused(values, words):
+    setup = cc.Setup.from_dict({"polar": values})
+    with pytest.raises(JointLimitError, match=words):
+        plan_reset(reset_pose(setup.workspace), setup)
+
+
+def test_no_rest_at_all_is_a_reset_too():
+    setup = cc.Setup.from_dict({"polar": {"hang_time": 0, "settle_time": 0}})
+    reset = plan_reset(reset_pose(setup.workspace), setup)
+    assert reset.duration < plan_reset(reset_pose(setup.workspace), cc.Setup()).duration - 3.0
+
+
+def test_tuning_keeps_the_times_of_rest_and_ignores_files_beside_it(tuned, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(swing, "GENERATIONS", FEW)
+    (tmp_path / "cma_signals.in").write_text('{"timeout": 0}')
+    assert cc.tune_swing(tuned[0]) == tuned[1]
+    waits = {"hang_time": 6.0, "pull_speed": 0.05}
+    again = cc.tune_swing(cc.Setup.from_dict({**LAB, "polar": waits}))
+    assert again.polar is not None
+    assert (again.polar.hang_time, again.polar.pull_speed) == (6.0, 0.05)
+
+
+def test_a_lab_file_that_cannot_be_changed_loses_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(swing, "GENERATIONS", FEW)
+    lab = tmp_path / "lab.yaml"
+    lab.write_text(str(LAB))
+    assert main(["check", "--setup", str(lab), "--tune-swing"]) == 2
+    printed = capsys.readouterr()
+    assert "cannot be changed: write each section on lines of its own" in printed.err
+    assert "durations:" in printed.out
+    assert lab.read_text() == str(LAB)
+
+
+def test_no_swing_is_tuned_for_strikes():
+    with pytest.raises(cc.CablecastError, match="has a strike section"):
+        cc.tune_swing(dataclasses.replace(cc.Setup(), strike=cc.StrikeConfig()))
+
+
+def test_a_better_swing_makes_a_better_reset(tuned):
+    checked = cc.check(tuned[1], changes=False)
+    length = checked.setup.cable.length
+    straight = dataclasses.replace(checked, reset_offset=0.01, lays_out=False)
+    folded = dataclasses.replace(checked, reset_offset=length, lays_out=True)
+    assert is_better(straight, folded)
+    assert is_better(dataclasses.replace(straight, lays_out=True), straight)
+    assert not is_better(dataclasses.replace(straight, reset_offset=math.inf), folded)
 
 
 def test_no_swing_is_kept_that_a_real_arm_would_refuse(monkeypatch):
@@ -125,9 +194,18 @@ def test_no_swing_is_kept_that_a_real_arm_would_refuse(monkeypatch):
 
     monkeypatch.setattr(swing, "GENERATIONS", FEW)
     setup = load_setup(pathlib.Path(__file__).parents[2] / "examples" / "robot.yaml")
-    assert cc.tune_swing(setup).polar is not None
+    free = cc.tune_swing(setup).polar
+    # Below a beam the cable is lifted less high.
+    values = setup.to_dict()
+    values["robot"]["obstacles"] = [
+        {"start": [-1, 0.35, 0.95], "end": [1, 0.35, 0.95], "radius": 0.03}
+    ]
+    below = cc.tune_swing(cc.Setup.from_dict(values)).polar
+    assert free is not None
+    assert below is not None
+    assert below.hang_height_max < free.hang_height_max
     monkeypatch.setattr(swing, "check_path", refuse)
-    with pytest.raises(cc.CablecastError, match="can follow no swing of this cable"):
+    with pytest.raises(cc.CablecastError, match=r"the ur5e cannot lift \w+"):
         cc.tune_swing(setup)
 
 
@@ -144,4 +222,7 @@ def test_another_cable_than_the_file_s_has_the_standard_swing(tmp_path):
     own = dataclasses.replace(cc.Setup(), polar=PolarCastConfig(hang_radius=0.5))
     cc.save_setup(own, tmp_path / "lab.yaml")
     assert load_lab(tmp_path / "lab.yaml", None).polar == own.polar
+    assert load_lab(tmp_path / "lab.yaml", "cable_1").polar == own.polar
     assert load_lab(tmp_path / "lab.yaml", "cable_2").polar is None
+    assert own.with_cable("cable_1") == own
+    assert own.with_cable("cable_2") == cc.Setup(cable="cable_2", workspace=own.workspace)

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import pathlib
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cablecast.cli.options import (
     EXIT_FALLS_SHORT,
@@ -58,6 +58,8 @@ class Check(AnyTargetOptions):
 
         setup = load_lab(self.setup, self.cable, self.task, v_max=self.v_max, r0=self.r0)
         if setup.strike is not None:
+            if self.tune_swing:
+                raise InputError("--tune-swing is for casts onto a table, not for strikes")
             from cablecast.cli.strike import check_strikes
 
             return check_strikes(self, setup)
@@ -84,6 +86,8 @@ class Check(AnyTargetOptions):
 
     def _tuned(self, setup: "Setup") -> "Setup":
         """Return the set-up with the better swing of its own and one that is looked for."""
+        import yaml
+
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.check import check, is_better
         from cablecast.setup import POLAR_SECTION, update_lab_file
@@ -97,8 +101,13 @@ class Check(AnyTargetOptions):
         if not is_better(new, old):
             print(f"swing    none is better than that of {self.setup}, which stays as it is")
             return setup
-        sections = {POLAR_SECTION: {**_defaults(setup), **tuned.to_dict()[POLAR_SECTION]}}
-        update_lab_file(self.setup, sections)
+        section = {POLAR_SECTION: tuned.to_dict()[POLAR_SECTION]}
+        try:
+            update_lab_file(self.setup, section)
+        except InputError:
+            # What half a minute found is not lost.
+            print(yaml.safe_dump(section, sort_keys=False))
+            raise
         before = f"{100 * old.reset_offset:.0f} cm with the old one"
         if math.isinf(old.reset_offset):
             before = "the arm could not follow the old one"
@@ -107,15 +116,3 @@ class Check(AnyTargetOptions):
             f"{100 * new.reset_offset:.0f} cm from straight ahead in simulation; {before}"
         )
         return tuned
-
-
-def _defaults(setup: "Setup") -> dict[str, Any]:
-    """Return the defaults of what a set-up's own section says, which others replace."""
-    from cablecast.setup import PolarCastConfig
-
-    default, own = PolarCastConfig(), setup.polar
-    return (
-        {}
-        if own is None
-        else {name: getattr(default, name) for name in own.to_dict() if name != "swing"}
-    )

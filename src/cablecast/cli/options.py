@@ -238,9 +238,6 @@ def load_lab(
     chosen = None if cable is None else load_cable(cable)
     if lab_file is not None:
         setup = load_setup(lab_file, chosen)
-        if chosen is not None and setup.polar is not None:
-            # That was tuned to the cable of the file.
-            setup = dataclasses.replace(setup, polar=None)
     else:
         setup = Setup() if chosen is None else Setup(cable=chosen)
     if task == "strike" and setup.strike is None:

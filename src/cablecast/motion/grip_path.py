@@ -437,7 +437,7 @@ class PlanePath:
 
     def hold(self, duration: float) -> "PlanePath":
         """Hold the pose for a duration [s]."""
-        return self.move(duration)
+        return self.move(duration) if duration > 0.0 else self
 
     def move(self, duration: float, **goal: float) -> "PlanePath":
         """Move for a duration [s] with minimum jerk from rest to rest, to new coordinates."""

@@ -24,6 +24,9 @@ _PARTS = np.linspace(0.0, 1.0, 5)
 # Distance beyond the table's near edge that is forgiven [m]: a sweep of 90 deg about the base ends
 # on the edge but for rounding.
 _EDGE_SLACK = 1e-5
+# Depth below the table's surface that is forgiven [m]: the reset of a cable of 0.1 m passes 1.3 mm
+# below it between its via points.
+_TABLE_SLACK = 2e-3
 # Distance that the sampled gripper keeps from the box of a robot [m]: it goes up to 1 mm farther
 # between the samples.
 _BOX_MARGIN = 2e-3
@@ -192,6 +195,8 @@ def _places(
     yield "reach: radius", np.hypot(x, y), workspace.r_max, 1.0
     if casting:
         yield "table edge: y of the grip", y, workspace.y_min - _EDGE_SLACK, -1.0
+    if setup.strike is None:
+        yield "table: z of the grip", z, -_TABLE_SLACK, -1.0
     if robot is None:
         return
     low, high = np.array(robot.box_low) + _BOX_MARGIN, np.array(robot.box_high) - _BOX_MARGIN

@@ -60,8 +60,12 @@ slow still lay the cable out, and one of 1.5 leaves it slack (fast engine, both 
 SWING_PACE_BOUNDS = (0.5, 1.2)
 """Paces of the swing of a polar cast [-]."""
 
-_PACE = 0.9
-"""Pace of the polar cast that the arm is to follow with the settings of a set-up [-]."""
+CAST_PACE = 0.9
+"""Pace of most polar casts, which the arm is to follow with the settings of a set-up [-]."""
+
+_ARC_MIN = 0.01
+"""Least radius of the arc about the free end [m]: a stiff cable may bend down from the gripper
+farther than it is long."""
 
 _PULL_POINTS = 24
 """Points of a pull aside that the path goes through."""
@@ -116,15 +120,8 @@ class PolarReach:
     @classmethod
     def of(cls, setup: Setup, config: PolarCastConfig | None = None) -> "PolarReach":
         """Return the region for the cable and table of a set-up."""
-        cable, workspace = setup.cable, setup.workspace
-        config = config or polar_config(setup, casts=True)
-        reach = cls(
-            cable_length=cable.length,
-            cast_radius=min(config.cast_radius, workspace.r_max),
-            grip_y_min=workspace.support_depth,
-            half_width=workspace.half_width - config.table_margin,
-            y_max=workspace.y_max - config.table_margin,
-        )
+        cable = setup.cable
+        reach = cls._anywhere(setup, config or polar_config(setup, casts=True))
         if reach.landing_radius(0.0) <= reach.pulled_radius(0.0):
             raise InputError(
                 f"polar casting reaches nothing with a cable of {cable.length} m: straight ahead "
@@ -132,6 +129,27 @@ class PolarReach:
                 f"nearer than {reach.pulled_radius(0.0):.3f} m"
             )
         return reach
+
+    @classmethod
+    def _anywhere(cls, setup: Setup, config: PolarCastConfig) -> "PolarReach":
+        """Return the region, which may be empty."""
+        workspace = setup.workspace
+        return cls(
+            cable_length=setup.cable.length,
+            cast_radius=min(config.cast_radius, workspace.r_max),
+            grip_y_min=workspace.support_depth,
+            half_width=workspace.half_width - config.table_margin,
+            y_max=workspace.y_max - config.table_margin,
+        )
+
+    @classmethod
+    def ahead(cls, setup: Setup, config: PolarCastConfig) -> float:
+        """Return the radius at which the gripper of a reset comes down [m].
+
+        A cable that is long for the table is laid no nearer than the reset pose.
+        """
+        radius = float(cls._anywhere(setup, config).landing_radius(0.0)) - setup.cable.length
+        return max(radius, setup.workspace.reset_y)
 
     @property
     def radius(self) -> float:
@@ -209,7 +227,7 @@ def _lift(
     bend_out, bend_up = _bend_offsets(cable)
     end_radius = config.hang_radius + config.bend_out_share * bend_out
     length = cable.length + cable.attachment_length - config.bend_up_share * bend_up
-    length = min(length, hang_height / config.arc_share)
+    length = max(min(length, hang_height / config.arc_share), _ARC_MIN)
     aside = end_radius - config.rise_radius
     path.move(
         config.rise_time,
@@ -218,7 +236,8 @@ def _lift(
     )
     share = np.linspace(0.0, 1.0, 7)[1:]
     first, last = (
-        float(np.arcsin(min(way / length, 1.0))) for way in (aside, end_radius - config.hang_radius)
+        float(np.arcsin(np.clip(way / length, -1.0, 1.0)))
+        for way in (aside, end_radius - config.hang_radius)
     )
     angle = first + (last - first) * share
     reach = length * (1.0 - (1.0 - config.arc_share) * share)
@@ -260,7 +279,7 @@ def _swing_out(
         height=[low + s * (place["height"] - low) for s in (*swing.heights, 0.0)],
         pitch=[*swing.pitches, 0.0],
     )
-    return path.hold(config.settle_time) if config.settle_time > 0 else path
+    return path.hold(config.settle_time)
 
 
 def _pull_back(path: PlanePath, radius: float, config: PolarCastConfig) -> PlanePath:
@@ -527,7 +546,9 @@ def swing_path(radius: float, rest: float, setup: Setup, config: PolarCastConfig
     return _pull_back(path, rest, config).grip_path()
 
 
-def liftable(setup: Setup, starts: Array) -> PolarCastConfig | None:
+def highest_lift(
+    setup: Setup, starts: Array, allowed: Callable[[GripPath], bool]
+) -> PolarCastConfig | None:
     """Return settings with which an arm lifts the cable from some poses as high as it can.
 
     The whole cable hangs free, if the arm reaches so high; else as much as can. None where the arm
@@ -536,6 +557,7 @@ def liftable(setup: Setup, starts: Array) -> PolarCastConfig | None:
     Args:
         setup: Cable, workspace and arm.
         starts: Poses x, y, z [m], yaw, pitch [rad], shape [start, 5].
+        allowed: Whether an arm that can follow a lift may make it.
     """
     config, cable = PolarCastConfig.of_reach(setup.workspace), setup.cable
     whole = cable.length + cable.attachment_length + config.clearance
@@ -544,10 +566,11 @@ def liftable(setup: Setup, starts: Array) -> PolarCastConfig | None:
     lower = low * np.array([0.85, 0.7, 0.55, 0.4])
     for height, near, time in itertools.product([*highest, *lower], _LIFT_RADII, _LIFT_TIMES):
         one = config.moved(near, 1.0, 1.0).paced(time, 1.0)
-        one = dataclasses.replace(one, hang_height_max=round(float(height), 4))
         with contextlib.suppress(CablecastError):
+            one = dataclasses.replace(one, hang_height_max=round(float(height), 4))
             paths = [lift_path(start, setup, one) for start in starts]
-            if check_grip_paths(GripPath.stack(paths), setup).mask.all():
+            follows = check_grip_paths(GripPath.stack(paths), setup).mask.all()
+            if follows and all(allowed(path) for path in paths):
                 return one
     return None
 
@@ -557,9 +580,7 @@ def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
     config, cable = config or polar_config(setup), setup.cable
     path = PlanePath(check_finite("start", start, 5))
     _lift(path, cable, config).hold(config.hang_time)
-    radius = float(PolarReach.of(setup, config).landing_radius(0.0)) - cable.length
-    # A cable that is long for the table is laid no nearer than the reset pose.
-    _swing_out(path, max(radius, setup.workspace.reset_y), setup.workspace, config)
+    _swing_out(path, PolarReach.ahead(setup, config), setup.workspace, config)
     return _pull_back(path, float(reset_pose(setup.workspace)[1]), config).grip_path()
 
 
@@ -578,7 +599,7 @@ def _followed(setup: Setup, for_casts: bool) -> PolarCastConfig:
         return any(follows(reset_path, pose, setup, settings.slowed(t)) for t in _SLOWDOWNS)
 
     def casts(settings: PolarCastConfig) -> bool:
-        return follows(_cast_path, PolarCast(0.0, 0.0, y, _PACE), setup, settings)
+        return follows(_cast_path, PolarCast(0.0, 0.0, y, CAST_PACE), setup, settings)
 
     found = config if resets(config) else None
     if found and (not for_casts or casts(config)):

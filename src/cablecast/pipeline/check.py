@@ -39,7 +39,7 @@ from cablecast.motion.polar import PullReach, plan_reset, polar_config, reset_po
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
-from cablecast.setup import MotionConfig, Setup
+from cablecast.setup import POLAR_SECTION, MotionConfig, Setup
 from cablecast.task import LANDING
 from cablecast.tuning.tuned import Tuned
 
@@ -289,6 +289,8 @@ class LabCheck:
         tune = "look for a swing that does with `cablecast check --tune-swing`"
         if math.isinf(self.reset_offset):
             remedy = tune if tunes else f"{by_hand} arm"
+            if setup.polar is not None:
+                remedy = f"change the section `{POLAR_SECTION}`, or {tune}"
             return f"the {setup.arm.model} cannot make the reset of the cable: {remedy}"
         if self.reset_offset < LAID_OUT * setup.cable.length:
             words = f"a reset lays the cable out straight, but no polar cast does: {tune}"
@@ -318,10 +320,16 @@ class LabCheck:
 
 
 def is_better(tuned: LabCheck, old: LabCheck) -> bool:
-    """Return whether a swing lays the cable out where another did not, or straighter."""
-    if tuned.lays_out != old.lays_out:
-        return tuned.lays_out
-    return tuned.reset_offset < old.reset_offset
+    """Return whether a swing lays the cable out where another did not, or straighter.
+
+    The reset counts first, as every cast needs it; then polar casts.
+    """
+
+    def rank(found: LabCheck) -> tuple[bool, bool, float]:
+        straight = found.reset_offset < LAID_OUT * found.setup.cable.length
+        return straight, found.lays_out, -found.reset_offset
+
+    return math.isfinite(tuned.reset_offset) and rank(tuned) > rank(old)
 
 
 def remedy(changes: tuple[Change, ...]) -> str:

@@ -198,7 +198,7 @@ def reproduce(
         raise InputError("a reproduction needs at least one cable and one cast at each target")
     setup = setup or Setup()
     # Hours of casts must not end at a table that is too small for the third cable.
-    setups = [dataclasses.replace(setup, cable=cable) for cable in budget.cables]
+    setups = [setup.with_cable(cable) for cable in budget.cables]
     simulator = make_engine(engine, device=device)
     check_device(device)
     for one in setups:
@@ -326,7 +326,7 @@ class _Work:
         return options | {name: getattr(self, name) for name in names}
 
     def _setup(self, cable: str) -> Setup:
-        return dataclasses.replace(self.setup, cable=cable)
+        return self.setup.with_cable(cable)
 
     def _chosen(self, cable: str) -> tuple[Setup, bool]:
         """Return the set-up and psi as `select` chose them with the first cable."""

@@ -4,8 +4,8 @@ The swing of `PolarCastConfig` serves cables like the paper's, on a table that i
 the gripper to come down far out. A longer, lighter or softer cable folds, and so does one on a
 short table. Then no reset leaves it alike, and no polar cast lands. What lays it out is a matter of
 simulation: via points are searched for by covariance matrix adaptation (CMA-ES; N. Hansen, The CMA
-Evolution Strategy: A Tutorial, arXiv 1604.00772), with the cables that it may be, so that each of
-them ends straight. The arm follows all of them.
+Evolution Strategy: A Tutorial, arXiv 1604.00772), such that each cable that this may be ends
+straight, and that the arm can follow.
 """
 
 import contextlib
@@ -25,15 +25,16 @@ from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.limits import check_grip_paths
 from cablecast.motion.polar import (
+    CAST_PACE,
     PolarReach,
+    highest_lift,
     lift_path,
-    liftable,
-    plan_reset,
     reset_pose,
     swing_path,
 )
-from cablecast.rigs.arm import RESET_DT, curve_of
-from cablecast.rigs.path import check_path
+from cablecast.motion.trajectory import follow
+from cablecast.rigs.arm import RESET_DT
+from cablecast.rigs.path import JointCurve, check_path
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import PolarCastConfig, Setup, Swing
 from cablecast.tuning.tuned import Tuned
@@ -60,15 +61,14 @@ LIFT_SLOWER = 1.5
 0.75 m, and one of 1.1 m, swung by 0.21 and 0.23 m after its 3 s of rest, and by 0.01 and 0.05 m
 after the slower one (the most likely of six such cables, fast engine)."""
 
-CAST_PACE = 0.9
-"""Pace of the swing of most polar casts over that of a reset [-]."""
-
 _CASTS, _ASIDE = 8, 0.75
 _SEGMENT_COUNT, _DT, _SAMPLE_DT = 20, 0.002, 0.05
 # Costs of candidates that the arm cannot follow begin here; a folded cable costs at most the other.
 _INFEASIBLE, _FOLDED = 4.0, 1.5
-# Distance of the flange's edge behind the grip, and its least height [m].
-_WRIST, _WRIST_MIN = 0.25, 0.1
+# Distance of the flange's edge behind the flange, and its least height [m].
+_FLANGE_EDGE, _WRIST_MIN = 0.08, 0.1
+# Settings that are not searched for.
+_KEPT = ("hang_time", "settle_time", "pull_speed", "pull_time_min", "table_margin", "clearance")
 # Samples of a path at which its height is checked.
 _HEIGHTS = 200
 
@@ -77,7 +77,8 @@ _HEIGHTS = 200
 def tune_swing(setup: Setup, *, seed: int = 0, progress: ProgressCallback = ignore) -> Setup:
     """Return the set-up with a lift and a swing of its own, with which its cable lies straight.
 
-    These are the section `polar` of a lab file. Resets use them, and polar casts at a pace of 0.9.
+    These are the section `polar` of a lab file, of which times of rest and of the pull are kept.
+    Resets use them, and polar casts: they are searched for at the pace of a reset and at 0.9.
 
     Args:
         setup: Cable, workspace and arm.
@@ -85,14 +86,18 @@ def tune_swing(setup: Setup, *, seed: int = 0, progress: ProgressCallback = igno
         progress: Told how many generations of candidates were simulated.
 
     Raises:
-        InputError: The arm can lift the cable nowhere, or follow no swing; or its joints are
-            searched for, which would take hours.
+        InputError: The arm can make no cast, lift the cable nowhere, or follow no swing; its joints
+            are searched for, which would take hours; or the cable is swung in the air.
     """
     check_seed(seed)
+    if setup.strike is not None:
+        raise InputError(
+            "a swing is tuned for casts onto a table: this set-up has a strike section"
+        )
     if not setup.arm.solves_exactly:
         raise InputError(
-            f"the swing is tuned for arms whose joints are solved for, such as a UR: that would "
-            f"take hours for {setup.arm.model}"
+            f"the swing is tuned for arms whose joints are solved for, such as a UR: for "
+            f"{setup.arm.model} the search would take hours"
         )
     return _Search(setup, seed).run(progress)
 
@@ -109,19 +114,17 @@ class _Search:
         self.thrown, end = self._thrown()
         # A reset begins wherever a cast left the cable, a polar cast after a reset.
         self.starts = np.stack([reset_pose(setup.workspace), end])
-        if (config := liftable(setup, self.starts)) is None:
-            raise InputError(f"the {setup.arm.model} can lift {setup.cable.name} nowhere")
-        self.config = config.paced(LIFT_SLOWER, 1.0)
+        if (config := highest_lift(setup, self.starts, self._may_make)) is None:
+            raise InputError(f"the {setup.arm.model} cannot lift {setup.cable.name}")
+        config, own = config.paced(LIFT_SLOWER, 1.0), setup.polar or config
+        kept = {name: getattr(own, name) for name in _KEPT}
+        self.config = dataclasses.replace(config, **kept)
         self.hanging = [self._hung(member) for member in self.members]
-        length, reach = setup.cable.length, PolarReach.of(setup, self.config)
-        ahead, aside = (
-            float(reach.landing_radius(share * reach.theta_max)) - length for share in (0.0, _ASIDE)
-        )
-        # Where the gripper comes down and the free end then lies, and the pace of the swing.
-        reset_y = setup.workspace.reset_y
-        self.ways = [(max(ahead, reset_y), reset_y, 1.0), (ahead, ahead, CAST_PACE)]
-        if abs(aside - ahead) > 1e-3:
-            self.ways.append((aside, aside, CAST_PACE))
+        # Where the gripper comes down and is pulled to, and the pace of the swing.
+        self.ways = [
+            (PolarReach.ahead(setup, self.config), setup.workspace.reset_y, 1.0),
+            *((radius, radius, CAST_PACE) for radius in self._cast_radii()),
+        ]
 
     def run(self, progress: ProgressCallback) -> Setup:
         """Return the set-up with the best swing that was found."""
@@ -131,6 +134,11 @@ class _Search:
         options = {
             "popsize": POPULATION,
             "verbose": -9,
+            # It would read options from a file of the working folder.
+            "signals_filename": "",
+            # All candidates of a generation may cost the same.
+            "tolfun": 0.0,
+            "tolfunhist": 0.0,
             # It would seed NumPy's own generator.
             "seed": np.nan,
             "randn": lambda *shape: rng.standard_normal(shape),
@@ -163,9 +171,10 @@ class _Search:
         return dataclasses.replace(self.config, swing=_swing(point))
 
     def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far from straight candidates leave the free end [cable lengths].
+        """Return how far from straight candidates leave the free end [cable lengths], [candidate].
 
-        Where the arm cannot follow, it is a larger number, by how much it cannot.
+        Where the arm cannot follow, it is a larger number, by how much it cannot. The shape of the
+        points is [candidate, dimension].
         """
         costs = np.full(len(points), 2.0 * _INFEASIBLE)
         rows, paths = [], []
@@ -181,6 +190,18 @@ class _Search:
             costs[rows] = self._offsets(paths)
         return costs
 
+    def _cast_radii(self) -> list[float]:
+        """Return where the gripper of polar casts comes down, straight ahead and aside [m]."""
+        try:
+            reach = PolarReach.of(self.setup, self.config)
+        except InputError:
+            return []
+        length = self.setup.cable.length
+        ahead, aside = (
+            float(reach.landing_radius(share * reach.theta_max)) - length for share in (0.0, _ASIDE)
+        )
+        return [ahead, aside] if abs(aside - ahead) > 1e-3 else [ahead]
+
     def _paths(self, config: PolarCastConfig) -> list[GripPath]:
         """Return the swings of a candidate."""
         return [
@@ -189,12 +210,13 @@ class _Search:
         ]
 
     def _excess(self, paths: list[GripPath]) -> float:
-        """Return by how much paths are beyond the limits of the arm; 0 where it can follow."""
+        """Return by how much paths are beyond the limits of the arm [-]; 0 where it can follow."""
         stacked = GripPath.stack(paths)
         times = np.linspace(0.0, 1.0, _HEIGHTS) * stacked.duration[:, None]
         poses = stacked.evaluate(times)
         low = self.setup.workspace.grip_height - 1e-4 - poses[..., 2]
-        wrist = _WRIST_MIN - poses[..., 2] - _WRIST * np.cos(poses[..., 4])
+        wrist = -self._wrist_height(poses)
+        wrist += min(_WRIST_MIN, float(self._wrist_height(self.starts[0])))
         excess = 10.0 * (max(float(low.max()), 0.0) + max(float(wrist.max()), 0.0))
         found = check_grip_paths(stacked, self.setup)
         for row in np.flatnonzero(~found.mask):
@@ -204,19 +226,27 @@ class _Search:
                 excess += float(np.maximum(found.peaks[row] / found.bounds - 1.0, 0.0).sum())
         return excess
 
-    def _is_driven(self, point: NDArray[np.float64]) -> bool:
-        """Return whether a real arm may make the reset of a candidate; true where there is none."""
+    def _wrist_height(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height of the flange's edge at poses of shape [..., 5] [m], shape [...]."""
+        back = self.setup.arm.gripper_length + _FLANGE_EDGE
+        return poses[..., 2] + back * np.cos(poses[..., 4])
+
+    def _may_make(self, path: GripPath) -> bool:
+        """Return whether a real arm may make a motion; true where there is none."""
         if self.setup.robot is None:
             return True
-        setup = dataclasses.replace(self.setup, polar=self.config_of(point))
+        setup = self.setup.with_motion(control_dt=RESET_DT)
         with contextlib.suppress(CablecastError):
-            slow = setup.with_motion(control_dt=RESET_DT)
-            check_path(curve_of(plan_reset(self.starts[0], slow)), setup, "the reset")
+            check_path(JointCurve.fit(follow(path, setup, "the swing")), setup, "the swing")
             return True
         return False
 
+    def _is_driven(self, point: NDArray[np.float64]) -> bool:
+        """Return whether a real arm may make the swings of a candidate, shape [dimension]."""
+        return all(self._may_make(path) for path in self._paths(self.config_of(point)))
+
     def _offsets(self, candidates: list[list[GripPath]]) -> NDArray[np.float64]:
-        """Return how far from straight candidates leave the free end [cable lengths]."""
+        """Return how far from straight candidates leave the free end [lengths], [candidate]."""
         length = self.setup.cable.length
         ends = np.array([[0.0, rest + length] for _, rest, _ in self.ways])
         cases = [(0, 1), *((way, 0) for way in range(len(self.ways)))]
@@ -243,7 +273,7 @@ class _Search:
         return _rows(left, [row]), casts.evaluate(casts.duration[:, None])[row, 0]
 
     def _hung(self, member: Dynamics) -> CableState:
-        """Return how a cable hangs after the lift, from either start."""
+        """Return how a cable hangs after the lift: after a reset, and after a cast."""
         found = []
         for pose, state in zip(self.starts, (None, self.thrown), strict=True):
             path = lift_path(pose, self.setup, self.config)
