@@ -45,6 +45,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "arms": ("arms:arms", "arms of other makers: time of candidates, and hits"),
     "labs": ("labs:labs", "random laboratories: run or refused"),
     "promises": ("promises:promises", "random laboratories: stated chances of a hit, and hits"),
+    "resets": ("promises:resets", "random laboratories: whether a reset lays the cable straight"),
     "irp": ("irp:main", "strikes in the air on the benchmark of Iterative Residual Policy"),
     "strike": ("strike:main", "strikes in the air on the strike laboratory, with floors"),
     "arrival": (
@@ -68,6 +69,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     ),
     "labs": ("labs --count 50", 0.3),
     "promises": ("promises", 1.5),
+    "resets": ("resets", 0.4),
     "waits": ("waits --cables cable_1 --targets 5", 0.1),
     "arms": ("arms", 0.1),
     "reproduce": ("reproduce", 3.0),

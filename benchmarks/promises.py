@@ -59,6 +59,16 @@ class PromisesArgs:
     """Folder of the results, in which the same command resumes."""
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ResetsArgs:
+    """Swings in random laboratories."""
+
+    count: int = 100
+    """Seeds of laboratories, of which many have no table that holds the cable."""
+    out: pathlib.Path = pathlib.Path("runs/benchmarks/resets")
+    """Folder of the results, in which the same command resumes."""
+
+
 def targets_of(checked: LabCheck, count: int, seed: int) -> list[NDArray[np.float64]]:
     """Return places of the table that casts of some believed cable reach [m]."""
     rng, found = np.random.default_rng([seed, 71]), []
@@ -71,19 +81,11 @@ def targets_of(checked: LabCheck, count: int, seed: int) -> list[NDArray[np.floa
 
 def play(args: PromisesArgs, seed: int) -> dict[str, Any]:
     """Return what was stated and hit in a laboratory, or why it was refused."""
-    lab, start = describe(seed), time.process_time()
-    found: dict[str, Any] = {"lab": lab, "refused": "", "targets": []}
-    if lab["cable"]["length"] > LENGTH_MAX:
-        return found | {"refused": "length"}
-    try:
-        setup = cc.Setup.from_dict(lab)
-        checked = cc.check(setup, changes=False)
-    except cc.CablecastError as error:
-        return found | {"refused": "description", "reason": str(error)}
-    found |= {"reset": checked.reset_offset / setup.cable.length, "lays_out": checked.lays_out}
-    if checked.swing_words:
-        setup, checked = tuned(setup, checked)
-        found["tuned"] = checked.reset_offset / setup.cable.length
+    start, found = time.process_time(), {"targets": [], **begin(seed)}
+    if found["refused"]:
+        return found
+    checked: LabCheck = found.pop("checked")
+    setup = checked.setup
     if not checked.reaches_anything:
         return found | {"refused": "check", "reason": "; ".join(checked.limits)}
     config = cc.AimConfig(tries=args.tries)
@@ -98,14 +100,41 @@ def play(args: PromisesArgs, seed: int) -> dict[str, Any]:
     return found | {"processor_seconds": time.process_time() - start}
 
 
-def tuned(setup: cc.Setup, checked: LabCheck) -> tuple[cc.Setup, LabCheck]:
-    """Return the set-up with a tuned swing and its check, where that is better."""
+def begin(seed: int) -> dict[str, Any]:
+    """Return a laboratory with what `check` finds, or why there is none.
+
+    The swing is tuned where `check` advises it.
+    """
+    lab = describe(seed)
+    found: dict[str, Any] = {"lab": lab, "refused": ""}
+    if lab["cable"]["length"] > LENGTH_MAX:
+        return found | {"refused": "length"}
     try:
-        better = cc.tune_swing(setup)
-        again = cc.check(better, changes=False)
+        setup = cc.Setup.from_dict(lab)
+        checked = cc.check(setup, changes=False)
+    except cc.CablecastError as error:
+        return found | {"refused": "description", "reason": str(error)}
+    last = tuned(checked) if checked.swing_words else checked
+    return found | {"before": swing_row(checked), "after": swing_row(last), "checked": last}
+
+
+def swing_row(checked: LabCheck) -> dict[str, Any]:
+    """Return what `check` says of a swing, and how much of the table casts reach with it."""
+    return {
+        "straight": checked.reset_offset < LAID_OUT * checked.setup.cable.length,
+        "possible": bool(np.isfinite(checked.reset_offset)),
+        "lays_out": checked.lays_out,
+        "reached": float(checked.shares[0]),
+    }
+
+
+def tuned(checked: LabCheck) -> LabCheck:
+    """Return the check with a tuned swing, where that is better."""
+    try:
+        again = cc.check(cc.tune_swing(checked.setup), changes=False)
     except cc.CablecastError:
-        return setup, checked
-    return (better, again) if is_better(again, checked) else (setup, checked)
+        return checked
+    return again if is_better(again, checked) else checked
 
 
 def aim_at(
@@ -156,7 +185,6 @@ def promises(args: PromisesArgs) -> Iterator[Table]:
         print(f"{ran} of {args.count} laboratories are done: the same command goes on")
     rows = [row for lab in found for row in lab["targets"]]
     yield outcomes(found)
-    yield resets(found)
     yield checks(found, args.tries)
     yield casts(rows)
     yield misses(rows, args.tries)
@@ -181,16 +209,26 @@ def outcomes(found: Sequence[dict[str, Any]]) -> Table:
     return Table("Laboratories", ("outcome", "labs"), [row for row in rows if row[1]])
 
 
-def resets(found: Sequence[dict[str, Any]]) -> Table:
-    """Return in how many laboratories a simulated reset lays the cable out straight."""
-    described = [lab for lab in found if "reset" in lab]
-    standard = [lab["reset"] for lab in described]
-    last = [lab.get("tuned", lab["reset"]) for lab in described]
-    rows = [
-        (words, len(described), sum(off is not None and off < LAID_OUT for off in offsets))
-        for words, offsets in (("the standard one", standard), ("or a tuned one", last))
-    ]
-    return Table("Resets", ("swing", "labs", "laid out straight"), rows)
+def resets(args: ResetsArgs) -> Iterator[Table]:
+    """Yield in how many laboratories a simulated swing lays the cable out straight."""
+    parts = Parts(args.out / code_key(__name__))
+    found: list[dict[str, Any]] = []
+    for seed in range(args.count):
+        lab = kept(parts, seed, float("inf"), functools.partial(described, seed))
+        found += [lab] if lab and not lab["refused"] else []
+    rows = []
+    for name, words in (("before", "the standard one"), ("after", "a tuned one where that folds")):
+        own = [lab[name] for lab in found]
+        kinds = [sum(row[kind] for row in own) for kind in ("possible", "straight", "lays_out")]
+        reached = 100.0 * float(np.median([row["reached"] for row in own]))
+        rows.append((words, len(own), *kinds, reached))
+    columns = ("swing", "labs", "the arm can follow", "reset straight", "polar casts straight")
+    yield Table("Swings", (*columns, "of the table reached, median [%]"), rows)
+
+
+def described(seed: int) -> dict[str, Any]:
+    """Return a laboratory with what `check` finds as plain values."""
+    return {name: value for name, value in begin(seed).items() if name != "checked"}
 
 
 def checks(found: Sequence[dict[str, Any]], tries: int) -> Table:
