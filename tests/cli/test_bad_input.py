@@ -216,7 +216,7 @@ def test_a_device_that_is_not_here_is_refused_before_any_work(verb, lab, needs, 
 
 # A table that holds cable 1 but not cable 3, and one on which a target of the paper lies beside it.
 SMALL_TABLES = [
-    ("reproduce", "{table_depth: 1.26}", "y = 0.6 to 1.27 m"),
+    ("reproduce", "{table_depth: 1.26, reset_y: 0.6}", "y = 0.6 to 1.27 m"),
     ("reproduce", "{table_width: 1.0, table_depth: 1.5}", "is off the table"),
     ("aim --paper-targets", "{table_width: 1.0, table_depth: 1.5}", "is off the table"),
 ]
