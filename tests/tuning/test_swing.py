@@ -25,12 +25,17 @@ TABLE = {"table_width": 1.4, "table_depth": 1.1, "table_near_y": 0.18}
 LAB = {"cable": LIGHT, "workspace": TABLE, "arm": {"model": "ur3", "base_height": 0.1}}
 
 
-@pytest.fixture(scope="module")
-def tuned() -> tuple[cc.Setup, cc.Setup]:
-    setup = cc.Setup.from_dict(LAB)
+@pytest.fixture(scope="module", autouse=True)
+def few_generations():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(swing, "GENERATIONS", FEW)
-        return setup, cc.tune_swing(setup)
+        yield
+
+
+@pytest.fixture(scope="module")
+def tuned(few_generations) -> tuple[cc.Setup, cc.Setup]:
+    setup = cc.Setup.from_dict(LAB)
+    return setup, cc.tune_swing(setup)
 
 
 def test_it_lays_the_cable_straighter_than_the_standard_swing(tuned):
@@ -54,10 +59,9 @@ def test_the_arm_follows_it_and_the_gripper_stays_above_the_table(tuned):
     assert (poses[:, 2] + 0.25 * np.cos(poses[:, 4])).min() > 0.1
 
 
-def test_the_same_seed_finds_the_same_swing(tuned, monkeypatch):
+def test_the_same_seed_finds_the_same_swing(tuned):
     setup, found = tuned
     before = np.random.get_state()[1].copy()
-    monkeypatch.setattr(swing, "GENERATIONS", FEW)
     assert cc.tune_swing(setup) == found
     np.testing.assert_array_equal(np.random.get_state()[1], before)
 
@@ -73,7 +77,6 @@ def test_a_swing_of_the_same_length_serves_a_short_table():
 
 def test_check_writes_it_into_the_lab_file_and_keeps_the_rest(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(swing, "GENERATIONS", FEW)
     lab = tmp_path / "lab.yaml"
     cc.save_setup(cc.Setup.from_dict(LAB), lab)
     before = lab.read_text() + "# by hand\n"
@@ -152,7 +155,6 @@ def test_no_rest_at_all_is_a_reset_too():
 
 def test_tuning_keeps_the_times_of_rest_and_ignores_files_beside_it(tuned, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(swing, "GENERATIONS", FEW)
     (tmp_path / "cma_signals.in").write_text('{"timeout": 0}')
     assert cc.tune_swing(tuned[0]) == tuned[1]
     waits = {"hang_time": 6.0, "pull_speed": 0.05}
@@ -163,7 +165,6 @@ def test_tuning_keeps_the_times_of_rest_and_ignores_files_beside_it(tuned, tmp_p
 
 def test_a_lab_file_that_cannot_be_changed_loses_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(swing, "GENERATIONS", FEW)
     lab = tmp_path / "lab.yaml"
     lab.write_text(str(LAB))
     assert main(["check", "--setup", str(lab), "--tune-swing"]) == 2
@@ -192,7 +193,6 @@ def test_no_swing_is_kept_that_a_real_arm_would_refuse(monkeypatch):
     def refuse(*_: object) -> None:
         raise JointLimitError("too close to the camera post")
 
-    monkeypatch.setattr(swing, "GENERATIONS", FEW)
     setup = load_setup(pathlib.Path(__file__).parents[2] / "examples" / "robot.yaml")
     free = cc.tune_swing(setup).polar
     # Below a beam the cable is lifted less high.
