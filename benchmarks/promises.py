@@ -81,10 +81,11 @@ def targets_of(checked: LabCheck, count: int, seed: int) -> list[NDArray[np.floa
 
 def play(args: PromisesArgs, seed: int) -> dict[str, Any]:
     """Return what was stated and hit in a laboratory, or why it was refused."""
-    start, found = time.process_time(), {"targets": [], **begin(seed)}
-    if found["refused"]:
+    start = time.process_time()
+    found, checked = begin(seed)
+    found["targets"] = []
+    if checked is None:
         return found
-    checked: LabCheck = found.pop("checked")
     setup = checked.setup
     if not checked.reaches_anything:
         return found | {"refused": "check", "reason": "; ".join(checked.limits)}
@@ -100,22 +101,22 @@ def play(args: PromisesArgs, seed: int) -> dict[str, Any]:
     return found | {"processor_seconds": time.process_time() - start}
 
 
-def begin(seed: int) -> dict[str, Any]:
-    """Return a laboratory with what `check` finds, or why there is none.
+def begin(seed: int) -> tuple[dict[str, Any], LabCheck | None]:
+    """Return a laboratory as plain values, and what `check` finds; None where it is refused.
 
     The swing is tuned where `check` advises it.
     """
     lab = describe(seed)
     found: dict[str, Any] = {"lab": lab, "refused": ""}
     if lab["cable"]["length"] > LENGTH_MAX:
-        return found | {"refused": "length"}
+        return found | {"refused": "length"}, None
     try:
         setup = cc.Setup.from_dict(lab)
         checked = cc.check(setup, changes=False)
     except cc.CablecastError as error:
-        return found | {"refused": "description", "reason": str(error)}
+        return found | {"refused": "description", "reason": str(error)}, None
     last = tuned(checked) if checked.swing_words else checked
-    return found | {"before": swing_row(checked), "after": swing_row(last), "checked": last}
+    return found | {"before": swing_row(checked), "after": swing_row(last)}, last
 
 
 def swing_row(checked: LabCheck) -> dict[str, Any]:
@@ -214,7 +215,7 @@ def resets(args: ResetsArgs) -> Iterator[Table]:
     parts = Parts(args.out / code_key(__name__))
     found: list[dict[str, Any]] = []
     for seed in range(args.count):
-        lab = kept(parts, seed, float("inf"), functools.partial(described, seed))
+        lab = kept(parts, seed, float("inf"), lambda seed=seed: begin(seed)[0])
         found += [lab] if lab and not lab["refused"] else []
     rows = []
     for name, words in (("before", "the standard one"), ("after", "a tuned one where that folds")):
@@ -224,11 +225,6 @@ def resets(args: ResetsArgs) -> Iterator[Table]:
         rows.append((words, len(own), *kinds, reached))
     columns = ("swing", "labs", "the arm can follow", "reset straight", "polar casts straight")
     yield Table("Swings", (*columns, "of the table reached, median [%]"), rows)
-
-
-def described(seed: int) -> dict[str, Any]:
-    """Return a laboratory with what `check` finds as plain values."""
-    return {name: value for name, value in begin(seed).items() if name != "checked"}
 
 
 def checks(found: Sequence[dict[str, Any]], tries: int) -> Table:
