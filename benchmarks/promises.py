@@ -24,10 +24,9 @@ from benchmarks.common import REACHED_BY, hit_share
 from benchmarks.labs import describe, drawn_place, kept
 from benchmarks.places import HIT_PCT, MISSED_PCT
 from benchmarks.result import Table, code_key
-from cablecast.aiming.polar import LAID_OUT
 from cablecast.aiming.propose import hit_chances
 from cablecast.evaluation.evaluate import median_interval
-from cablecast.pipeline.check import LabCheck, is_better
+from cablecast.pipeline.check import LabCheck, check_tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 from cablecast.runs.folder import Parts
@@ -122,7 +121,7 @@ def begin(seed: int) -> tuple[dict[str, Any], LabCheck | None]:
 def swing_row(checked: LabCheck) -> dict[str, Any]:
     """Return what `check` says of a swing, and how much of the table casts reach with it."""
     return {
-        "straight": checked.reset_offset < LAID_OUT * checked.setup.cable.length,
+        "straight": checked.resets_straight,
         "possible": bool(np.isfinite(checked.reset_offset)),
         "lays_out": checked.lays_out,
         "reached": float(checked.shares[0]),
@@ -132,10 +131,9 @@ def swing_row(checked: LabCheck) -> dict[str, Any]:
 def tuned(checked: LabCheck) -> LabCheck:
     """Return the check with a tuned swing, where that is better."""
     try:
-        again = cc.check(cc.tune_swing(checked.setup), changes=False)
+        return check_tuned(checked) or checked
     except cc.CablecastError:
         return checked
-    return again if is_better(again, checked) else checked
 
 
 def aim_at(

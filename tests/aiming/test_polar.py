@@ -7,14 +7,8 @@ import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
 import cablecast as cc
-from cablecast.aiming.polar import (
-    FLOOR,
-    HEAP,
-    LAID_OUT,
-    SWING_PACES,
-    TURNING,
-    PolarLandings,
-)
+from cablecast.aiming.polar import ASTRAY, KNOWN, LAID_OUT, SWING_PACES, PolarLandings
+from cablecast.aiming.polar_errors import FLOOR, TURNING
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
 from cablecast.aiming.residual import Experience, ResidualScales
@@ -32,7 +26,7 @@ LENGTH = SETUP.cable.length
 FAR = polar_to_xy([1.25, 0.2])
 WILD = ResidualScales(amplitude=0.3, noise=0.3)
 """Scales of sweeps that scatter by a third of the cable's length."""
-ASTRAY = 0.05
+ASIDE = 0.05
 """Error of made-up casts across the cable [cable lengths]."""
 
 
@@ -45,7 +39,7 @@ def landings():
 
 def astray(landings, cast):
     """Return a polar cast that landed beside where it was expected, with the landing."""
-    return made_at(landings, cast, ASTRAY * landings._axes(cast)[1], "aim")
+    return made_at(landings, cast, ASIDE * landings.reach.axes(cast)[1], "aim")
 
 
 def made_at(landings, cast, error, purpose):
@@ -57,7 +51,7 @@ def made_at(landings, cast, error, purpose):
 
 def beside(landings, cast, error):
     """Return a polar cast that landed short of where it was simulated [cable lengths]."""
-    return made_at(landings, cast, -error * landings._axes(cast)[0], "pilot")
+    return made_at(landings, cast, -error * landings.reach.axes(cast)[0], "pilot")
 
 
 def test_a_cast_is_aimed_so_that_it_is_expected_on_the_target(landings):
@@ -103,7 +97,7 @@ def test_three_pilots_are_cast_and_none_after_another_cast(landings):
 
 def test_pilots_tell_how_far_each_angle_of_a_pull_turns_the_cable_too_far(landings):
     def turned(cast):
-        error = TURNING * landings._turn(cast) * landings._axes(cast)[1]
+        error = TURNING * landings.reach.turn(cast) * landings.reach.axes(cast)[1]
         return made_at(landings, cast, error, "pilot")
 
     after = landings
@@ -123,7 +117,7 @@ def test_a_pull_takes_the_sway_of_a_swing_down_as_a_tractrix_does(landings):
 
     def sway(y):
         cast = PolarCast(0.0, 0.0, y)
-        noise = landings._noise([cast], np.ones(1))[0, :, 0] - FLOOR**2
+        noise = landings._errors_at(1.0)._noise([cast], np.ones(1))[0, :, 0] - FLOOR**2
         return landings.reach.way(cast), np.sqrt(noise)
 
     (short, before), (long, after) = sway(back.grip_y_min + 0.1), sway(back.grip_y_min)
@@ -133,7 +127,7 @@ def test_a_pull_takes_the_sway_of_a_swing_down_as_a_tractrix_does(landings):
 
 def test_equal_casts_that_land_apart_are_told_to_scatter_and_are_followed_less(landings):
     cast = landings.aimed_at(FAR)
-    across = landings._axes(cast)[1]
+    across = landings.reach.axes(cast)[1]
 
     def after(errors):
         return landings.with_casts([made_at(landings, cast, e * across, "aim") for e in errors])
@@ -167,6 +161,56 @@ def test_where_no_swing_lays_the_cable_out_the_best_is_kept(landings):
     assert landings.pace == landings.pilot.pace == SWING_PACES[1]
 
 
+def test_a_fold_that_is_foretold_is_as_good_as_a_straight_cable(landings):
+    def folded(cast):
+        xy = landings.reach.end_xy(cast.to_array())
+        return xy - 3.0 * LAID_OUT * LENGTH * landings.reach.axes(cast)[0]
+
+    pilots = [pilot for pace in SWING_PACES for pilot in landings._pilots(pace)]
+    folds = dataclasses.replace(landings, _known={pilot: folded(pilot) for pilot in pilots})
+    first = folds.pilot.pace
+    for _ in range(3):
+        folds = folds.with_casts([beside(folds, folds.pilot, 0.01)])
+    assert folds.pilot is None
+    assert folds.pace == first
+    # Where it folds any more, nothing is known.
+    cast = landings.reach.cast_to(FAR, first)
+    most = folded(cast) - 3.0 * LAID_OUT * LENGTH * landings.reach.axes(cast)[0]
+    folds._known[cast] = most
+    assert folds.aimed_at(FAR) is None
+
+
+def test_a_pace_at_which_casts_land_now_here_and_now_there_is_left_for_another(landings):
+    def made(casts, error):
+        return casts.with_casts(
+            [made_at(casts, casts.pilot, error * casts.reach.axes(casts.pilot)[1], "pilot")]
+        )
+
+    first = landings.pace
+    for error in (0.1, 0.1, -0.2):
+        assert landings.pace == first
+        landings = made(landings, error)
+    assert landings._doubt(first) > KNOWN
+    assert landings.pilot.pace == landings.pace == SWING_PACES[1]
+    for _ in range(3):
+        landings = made(landings, 0.02)
+    assert landings.pilot is None
+    assert landings.pace == SWING_PACES[1]
+
+
+def test_no_other_pace_is_tried_at_a_target_for_a_small_doubt(landings):
+    proposal = proposal_of(landings, WILD)
+    for pilot in landings._pilots(landings.pace):
+        landings = landings.with_casts([beside(landings, pilot, 0.0)])
+    first = landings.pace
+    for error in (0.12, -0.12):
+        cast = landings.aimed_at(FAR)
+        made = made_at(landings, cast, error * landings.reach.axes(cast)[1], "aim")
+        landings = landings.with_casts([dataclasses.replace(made, proposal=proposal)])
+    assert landings._doubt(first) > KNOWN
+    assert landings.pace == first
+
+
 def test_a_cast_that_was_lost_is_not_made_again(landings):
     cast = landings.aimed_at(FAR)
     track = EndpointTrack.unseen(TrialStatus.OCCLUDED)
@@ -179,16 +223,18 @@ def test_a_cast_that_was_lost_is_not_made_again(landings):
 def test_a_cast_that_ended_in_a_heap_is_not_made_again(landings):
     pilots = [beside(landings, pilot, 0.0) for pilot in landings._pilots(SWING_PACES[0])]
     before = landings.with_casts(pilots)
-    after = before.with_casts([beside(landings, before.aimed_at(FAR), 1.5 * HEAP)])
+    after = before.with_casts([beside(landings, before.aimed_at(FAR), 1.5 * ASTRAY)])
     assert after.aimed_at(FAR) is None
     assert after.aimed_at(polar_to_xy([1.2, -0.2])) is not None
 
 
-@pytest.mark.parametrize("error", [-0.04, 0.04, 1.5 * HEAP])
+@pytest.mark.parametrize("error", [-0.04, 0.04, 1.5 * ASTRAY])
 def test_an_error_aside_is_removed_by_the_next_casts_at_the_target(landings, error):
     def made(cast, share):
-        return made_at(landings, cast, share * landings._axes(cast)[1], "aim")
+        error = share * landings.reach.axes(cast)[1]
+        return dataclasses.replace(made_at(landings, cast, error, "aim"), proposal=proposal)
 
+    proposal = proposal_of(landings, WILD)
     after = landings.with_casts([made(pilot, 0.03) for pilot in landings._pilots(SWING_PACES[0])])
     misses = []
     for _ in range(3):
@@ -202,7 +248,9 @@ def test_an_error_aside_is_removed_by_the_next_casts_at_the_target(landings, err
 
 def test_casts_that_were_laid_out_count_more_than_a_simulator_that_folds_them(landings):
     def folded(cast):
-        return reach.end_xy(cast.to_array()) - 3.0 * LAID_OUT * LENGTH * landings._axes(cast)[0]
+        return (
+            reach.end_xy(cast.to_array()) - 3.0 * LAID_OUT * LENGTH * landings.reach.axes(cast)[0]
+        )
 
     reach = landings.reach
     pilots = landings._pilots(SWING_PACES[0])
@@ -229,7 +277,7 @@ def test_casts_that_were_laid_out_count_more_than_a_simulator_that_folds_them(la
     np.testing.assert_allclose(expected.mean, FAR, atol=1e-3)
     assert told.aimed_at(FAR) is not None
     # The simulator may be right all the same.
-    along = landings._axes(cast)[0]
+    along = landings.reach.axes(cast)[0]
     assert np.sqrt(along @ expected.covariance @ along) > 1.4 * LAID_OUT * LENGTH
 
 

@@ -89,19 +89,18 @@ class Check(AnyTargetOptions):
         import yaml
 
         from cablecast.cli.progress import console_progress
-        from cablecast.pipeline.check import check, is_better
+        from cablecast.pipeline.check import check, check_tuned
         from cablecast.setup import POLAR_SECTION, update_lab_file
-        from cablecast.tuning.swing import tune_swing
 
         if self.setup is None or self.cable is not None:
             raise InputError("--tune-swing writes to a lab file: give --setup, without --cable")
         with console_progress() as progress:
-            tuned = tune_swing(setup, seed=self.seed, progress=progress)
-            old, new = (check(one, changes=False, seed=self.seed) for one in (setup, tuned))
-        if not is_better(new, old):
+            old = check(setup, changes=False, seed=self.seed)
+            new = check_tuned(old, seed=self.seed, progress=progress)
+        if new is None:
             print(f"swing    none is better than that of {self.setup}, which stays as it is")
             return setup
-        section = {POLAR_SECTION: tuned.to_dict()[POLAR_SECTION]}
+        section = {POLAR_SECTION: new.setup.to_dict()[POLAR_SECTION]}
         try:
             update_lab_file(self.setup, section)
         except InputError:
@@ -115,4 +114,4 @@ class Check(AnyTargetOptions):
             f"swing    the new one of {self.setup}, section `{POLAR_SECTION}`, leaves the free end "
             f"{100 * new.reset_offset:.0f} cm from straight ahead in simulation; {before}"
         )
-        return tuned
+        return new.setup

@@ -143,7 +143,7 @@ class PolarReach:
         )
 
     @classmethod
-    def ahead(cls, setup: Setup, config: PolarCastConfig) -> float:
+    def reset_radius(cls, setup: Setup, config: PolarCastConfig) -> float:
         """Return the radius at which the gripper of a reset comes down [m].
 
         A cable that is long for the table is laid no nearer than the reset pose.
@@ -481,6 +481,16 @@ class PullReach:
         """Return the length of the pull of a cast [m]."""
         return float(np.linalg.norm(cast.to_array()[1:3] - self._start(cast.azimuth)))
 
+    def axes(self, cast: PolarCast) -> Array:
+        """Return the unit vectors along the resting cable and across it, to its right, [2, 2]."""
+        values = cast.to_array()
+        along = (self.end_xy(values) - values[1:3]) / self.back.cable_length
+        return np.stack([along, np.array([along[1], -along[0]])])
+
+    def turn(self, cast: PolarCast) -> float:
+        """Return the angle by which the pull turns the cable, positive to the right [rad]."""
+        return float(np.arctan2(*self.axes(cast)[0])) - cast.azimuth
+
     def cast_to(self, xy: Array, pace: float = 1.0) -> PolarCast | None:
         """Return the cast that brings the end of a straight cable to a place [m], shape [2]."""
         if self.back.contains(xy):
@@ -580,7 +590,7 @@ def reset_path(start: ArrayLike, setup: Setup, config: PolarCastConfig | None = 
     config, cable = config or polar_config(setup), setup.cable
     path = PlanePath(check_finite("start", start, 5))
     _lift(path, cable, config).hold(config.hang_time)
-    _swing_out(path, PolarReach.ahead(setup, config), setup.workspace, config)
+    _swing_out(path, PolarReach.reset_radius(setup, config), setup.workspace, config)
     return _pull_back(path, float(reset_pose(setup.workspace)[1]), config).grip_path()
 
 

@@ -41,6 +41,7 @@ from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
 from cablecast.setup import POLAR_SECTION, MotionConfig, Setup
 from cablecast.task import LANDING
+from cablecast.tuning.swing import tune_swing
 from cablecast.tuning.tuned import Tuned
 
 PICTURE_FILE = "check.png"
@@ -282,6 +283,11 @@ class LabCheck:
         return tuple(lines)
 
     @property
+    def resets_straight(self) -> bool:
+        """Whether a simulated reset lays out straight what the cable may be."""
+        return self.reset_offset < LAID_OUT * self.setup.cable.length
+
+    @property
     def swing_words(self) -> str:
         """What is wrong with the swing of resets and polar casts, in one sentence, if anything."""
         setup, by_hand = self.setup, "lay it straight by hand, or take another"
@@ -292,7 +298,7 @@ class LabCheck:
             if setup.polar is not None:
                 remedy = f"change the section `{POLAR_SECTION}`, or {tune}"
             return f"the {setup.arm.model} cannot make the reset of the cable: {remedy}"
-        if self.reset_offset < LAID_OUT * setup.cable.length:
+        if self.resets_straight:
             words = f"a reset lays the cable out straight, but no polar cast does: {tune}"
             return words if tunes and not self.lays_out else ""
         hangs = polar_config(setup).hang_height(setup.cable)
@@ -326,10 +332,22 @@ def is_better(tuned: LabCheck, old: LabCheck) -> bool:
     """
 
     def rank(found: LabCheck) -> tuple[bool, bool, float]:
-        straight = found.reset_offset < LAID_OUT * found.setup.cable.length
-        return straight, found.lays_out, -found.reset_offset
+        return found.resets_straight, found.lays_out, -found.reset_offset
 
     return math.isfinite(tuned.reset_offset) and rank(tuned) > rank(old)
+
+
+def check_tuned(
+    checked: LabCheck, *, seed: int = 0, progress: ProgressCallback = ignore
+) -> LabCheck | None:
+    """Return what is found with a tuned swing; None where that is not better.
+
+    Raises:
+        InputError: See `tune_swing`.
+    """
+    tuned = tune_swing(checked.setup, seed=seed, progress=progress)
+    found = check(tuned, changes=False, seed=seed)
+    return found if is_better(found, checked) else None
 
 
 def remedy(changes: tuple[Change, ...]) -> str:

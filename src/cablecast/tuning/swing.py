@@ -122,7 +122,7 @@ class _Search:
         self.hanging = [self._hung(member) for member in self.members]
         # Where the gripper comes down and is pulled to, and the pace of the swing.
         self.ways = [
-            (PolarReach.ahead(setup, self.config), setup.workspace.reset_y, 1.0),
+            (PolarReach.reset_radius(setup, self.config), setup.workspace.reset_y, 1.0),
             *((radius, radius, CAST_PACE) for radius in self._cast_radii()),
         ]
 
