@@ -1,8 +1,8 @@
 """Random laboratories: whether the chances of a hit that are stated before casts are kept.
 
 Laboratories and cables are drawn as in `benchmarks.labs`, up to a length of 1.5 m, and played by
-the virtual rig, each with the seed of a laboratory that no other benchmark uses. Where `check` says
-that a reset folds the cable, the swing is tuned, as it advises. Five targets are drawn over the
+the virtual rig, each with the seed of a laboratory that no other benchmark uses. The swing is tuned
+where `check` advises it. Five targets are drawn over the
 part of the table that `check` calls reachable. Stated are what `check` says of a target before any
 cast, and what `aim` says of each cast and of all tries before the first one.
 Each laboratory is kept in --out: the same command resumes where it was stopped.

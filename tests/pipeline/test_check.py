@@ -1,5 +1,7 @@
 """What casts can reach is said before any is made, with what limits it and what helps."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from benchmarks.pages import outlook_values
@@ -13,6 +15,7 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.files import read_json
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
+from cablecast.motion.polar import polar_config
 from cablecast.pipeline import check
 from cablecast.pipeline.check import OUTLOOK_FILE, _try_changes, outlooks
 
@@ -135,6 +138,11 @@ def test_what_to_expect_of_a_target_is_said_by_the_casts_that_reach_it(checked):
 @pytest.mark.usefixtures("few_casts")
 def test_what_a_reset_does_to_the_cable_is_said_before_any_cast(checked, capsys):
     assert checked.swing_words == ""
+    cable = dataclasses.replace(checked.setup.cable, name="own")
+    own = dataclasses.replace(checked, setup=dataclasses.replace(checked.setup, cable=cable))
+    assert own.swing_words.startswith("the standard one was chosen for other cables: ")
+    tuned = dataclasses.replace(own.setup, polar=polar_config(own.setup))
+    assert dataclasses.replace(own, setup=tuned).swing_words == ""
     rope = {"name": "rope", "kind": "rope", "length": 0.8, "diameter": 0.008, "mass": 0.02}
     table = {"table_width": 2.75, "table_depth": 2.75, "table_near_y": 0.0}
     lab = {"cable": rope, "workspace": table, "arm": {"model": "ur3e", "base_height": 0.1}}

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cablecast.aiming.polar import LAID_OUT, SWING_PACES
+from cablecast.cable import CABLE_NAMES, load_cable
 from cablecast.conventions import Array, mirror_xy, polar_to_xy, stream, xy_to_polar
 from cablecast.engines import make_engine
 from cablecast.engines.dynamics import Dynamics
@@ -289,7 +290,7 @@ class LabCheck:
 
     @property
     def swing_words(self) -> str:
-        """What is wrong with the swing of resets and polar casts, in one sentence, if anything."""
+        """What would be better about the swing of resets and polar casts, in one sentence."""
         setup, by_hand = self.setup, "lay it straight by hand, or take another"
         tunes = setup.polar is None and setup.arm.solves_exactly
         tune = "look for a swing that does with `cablecast check --tune-swing`"
@@ -299,8 +300,16 @@ class LabCheck:
                 remedy = f"change the section `{POLAR_SECTION}`, or {tune}"
             return f"the {setup.arm.model} cannot make the reset of the cable: {remedy}"
         if self.resets_straight:
-            words = f"a reset lays the cable out straight, but no polar cast does: {tune}"
-            return words if tunes and not self.lays_out else ""
+            if not tunes:
+                return ""
+            if not self.lays_out:
+                return f"a reset lays the cable out straight, but no polar cast does: {tune}"
+            if any(setup.cable == load_cable(name) for name in CABLE_NAMES):
+                return ""
+            return (
+                "the standard one was chosen for other cables: `cablecast check --tune-swing` "
+                "looks for one with which polar casts of this cable land where they are aimed"
+            )
         hangs = polar_config(setup).hang_height(setup.cable)
         length = setup.cable.length + setup.cable.attachment_length
         why = f", as only {hangs:.2f} m of it hang free" if hangs < length else ""
