@@ -18,6 +18,7 @@ from cablecast.data.store import CastStore
 from cablecast.engines.dynamics import Dynamics
 from cablecast.motion.casting import Action
 from cablecast.motion.polar import PolarCast
+from cablecast.motion.servo import ServoModel
 from cablecast.report.words import reason_text
 from cablecast.task import LANDING
 from cablecast.tuning.tuned import Tuned
@@ -52,6 +53,17 @@ def made_at(landings, cast, error, purpose):
 def beside(landings, cast, error):
     """Return a polar cast that landed short of where it was simulated [cable lengths]."""
     return made_at(landings, cast, -error * landings.reach.axes(cast)[0], "pilot")
+
+
+def test_the_arm_lags_behind_once(landings):
+    servo = ServoModel(delay=np.full(6, 0.05), frequency=np.full(6, 20.0), damping=np.full(6, 0.8))
+    lagging = dataclasses.replace(landings.dynamics, servo=servo)
+    late = dataclasses.replace(landings, dynamics=lagging, _known={})
+    cast = landings.reach.ahead(SWING_PACES[0])
+    path = servo.apply(cast.grip_path(SETUP), SETUP.arm)
+    expected = landings.dynamics.rollout(landings.engine, SETUP, path).endpoint_xy[0, -1]
+    np.testing.assert_array_equal(late._simulated_xy(cast), expected)
+    assert np.linalg.norm(landings._simulated_xy(cast) - expected) > 1e-6
 
 
 def test_a_cast_is_aimed_so_that_it_is_expected_on_the_target(landings):

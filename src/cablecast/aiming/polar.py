@@ -222,7 +222,7 @@ class PolarLandings:
     def _simulated_xy(self, cast: PolarCast) -> Array:
         """Return where a cast lands in the simulator [m], shape [2]."""
         if cast not in self._known:
-            path = self.dynamics.follow(cast.grip_path(self.setup), self.setup)
+            path = cast.grip_path(self.setup)
             rollout = self.dynamics.rollout(self.engine, self.setup, path)
             self._known[cast] = rollout.endpoint_xy[0, -1]
         return self._known[cast]
