@@ -223,6 +223,11 @@ def test_no_other_pace_is_tried_at_a_target_for_a_small_doubt(landings):
     assert landings.pace == first
 
 
+def test_a_pace_that_is_simulated_off_the_table_is_not_tried_first(landings):
+    nowhere = {pilot: np.full(2, np.nan) for pilot in landings._pilots(SWING_PACES[0])}
+    assert dataclasses.replace(landings, _known=nowhere).pilot.pace == SWING_PACES[1]
+
+
 def test_a_cast_that_was_lost_is_not_made_again(landings):
     cast = landings.aimed_at(FAR)
     track = EndpointTrack.unseen(TrialStatus.OCCLUDED)

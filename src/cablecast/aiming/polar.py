@@ -135,8 +135,8 @@ class PolarLandings:
         if len(self._at_pace(pace)) >= len(pilots):
             return self._errors_at(pace).deviation(self._between(pace))
         fold = self._folded(ahead, self._simulated_xy(ahead))
-        if fold >= LAID_OUT:
-            return fold
+        if not fold < LAID_OUT:
+            return 1.0 if np.isnan(fold) else fold
         return 0.0 if all(cast.proposal is None for cast, _ in self._made) else UNTRIED
 
     @property
