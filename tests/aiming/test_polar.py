@@ -357,3 +357,7 @@ def test_a_second_polar_cast_is_told_by_what_differs_from_the_first(landings):
         "try 1 with the azimuth +2.0 deg, the end of the pull +3.0 cm in x and +0.0 cm in y, "
         "pace -0.10"
     )
+    sweep = dataclasses.replace(proposal_of(None, WILD), number=1)
+    assert reason_text(sweep, session) == (
+        "another kind of motion, which is expected to land nearer"
+    )

@@ -203,7 +203,9 @@ def _reason(earlier: list[Cast], proposal: Proposal) -> str:
         if cast.landed and cast.action is not None and cast.action.family == action.family
     ]
     if not landed:
-        return "another action, since no cast like it has landed"
+        if any(cast.landed for cast in earlier):
+            return "another kind of motion, which is expected to land nearer"
+        return "another action, since none has landed yet"
     if isinstance(action, PolarCast):
         last, values = landed[-1]
         azimuth, x, y, pace = action.to_array() - values
