@@ -7,7 +7,7 @@ import pytest
 from tests.aiming.formula_rig import SETUP, make_policy
 
 import cablecast as cc
-from cablecast.aiming.polar import ASTRAY, KNOWN, LAID_OUT, SWING_PACES, PolarLandings
+from cablecast.aiming.polar import ASTRAY, KNOWN, LAID_OUT, PolarLandings
 from cablecast.aiming.polar_errors import FLOOR, TURNING
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import propose
@@ -17,13 +17,14 @@ from cablecast.conventions import polar_to_xy
 from cablecast.data.store import CastStore
 from cablecast.engines.dynamics import Dynamics
 from cablecast.motion.casting import Action
-from cablecast.motion.polar import PolarCast
+from cablecast.motion.polar import PolarCast, cast_paces
 from cablecast.motion.servo import ServoModel
 from cablecast.report.words import reason_text
 from cablecast.task import LANDING
 from cablecast.tuning.tuned import Tuned
 
 LENGTH = SETUP.cable.length
+PACES = cast_paces(SETUP)
 FAR = polar_to_xy([1.25, 0.2])
 WILD = ResidualScales(amplitude=0.3, noise=0.3)
 """Scales of sweeps that scatter by a third of the cable's length."""
@@ -59,7 +60,7 @@ def test_the_arm_lags_behind_once(landings):
     servo = ServoModel(delay=np.full(6, 0.05), frequency=np.full(6, 20.0), damping=np.full(6, 0.8))
     lagging = dataclasses.replace(landings.dynamics, servo=servo)
     late = dataclasses.replace(landings, dynamics=lagging, _known={})
-    cast = landings.reach.ahead(SWING_PACES[0])
+    cast = landings.reach.ahead(PACES[0])
     path = servo.apply(cast.grip_path(SETUP), SETUP.arm)
     expected = landings.dynamics.rollout(landings.engine, SETUP, path).endpoint_xy[0, -1]
     np.testing.assert_array_equal(late._simulated_xy(cast), expected)
@@ -102,7 +103,7 @@ def test_three_pilots_are_cast_and_none_after_another_cast(landings):
     assert (ahead.azimuth, ahead.x) == (0.0, 0.0)
     assert left == right.mirrored()
     assert left.azimuth < 0.0 < left.x
-    assert {pilot.pace for pilot in pilots} == {SWING_PACES[0]}
+    assert {pilot.pace for pilot in pilots} == {PACES[0]}
     other = landings.with_casts([beside(landings, landings.aimed_at(FAR), 0.01)])
     assert other.pilot is None
 
@@ -161,16 +162,16 @@ def test_pilots_are_cast_at_other_paces_until_a_swing_lays_the_cable_out(landing
     # The first swing leaves the cable in a heap, the second lays it out.
     heap = landings.with_casts([beside(landings, pilot, 0.9)])
     second = heap.pilot
-    assert second.pace == heap.aimed_at(FAR).pace == SWING_PACES[1]
+    assert second.pace == heap.aimed_at(FAR).pace == PACES[1]
     assert np.linalg.norm(heap.expectation(second).mean - landings._simulated_xy(second)) < 1e-9
     after = heap.with_casts([beside(heap, second, 0.5 * LAID_OUT)])
-    assert after.pilot.pace == after.aimed_at(FAR).pace == SWING_PACES[1]
+    assert after.pilot.pace == after.aimed_at(FAR).pace == PACES[1]
 
 
 def test_where_no_swing_lays_the_cable_out_the_best_is_kept(landings):
     for error in (0.5, 0.3, 0.4):
         landings = landings.with_casts([beside(landings, landings.pilot, error)])
-    assert landings.pace == landings.pilot.pace == SWING_PACES[1]
+    assert landings.pace == landings.pilot.pace == PACES[1]
 
 
 def test_a_fold_that_is_foretold_is_as_good_as_a_straight_cable(landings):
@@ -178,7 +179,7 @@ def test_a_fold_that_is_foretold_is_as_good_as_a_straight_cable(landings):
         xy = landings.reach.end_xy(cast.to_array())
         return xy - 3.0 * LAID_OUT * LENGTH * landings.reach.axes(cast)[0]
 
-    pilots = [pilot for pace in SWING_PACES for pilot in landings._pilots(pace)]
+    pilots = [pilot for pace in PACES for pilot in landings._pilots(pace)]
     folds = dataclasses.replace(landings, _known={pilot: folded(pilot) for pilot in pilots})
     first = folds.pilot.pace
     for _ in range(3):
@@ -203,11 +204,11 @@ def test_a_pace_at_which_casts_land_now_here_and_now_there_is_left_for_another(l
         assert landings.pace == first
         landings = made(landings, error)
     assert landings._doubt(first) > KNOWN
-    assert landings.pilot.pace == landings.pace == SWING_PACES[1]
+    assert landings.pilot.pace == landings.pace == PACES[1]
     for _ in range(3):
         landings = made(landings, 0.02)
     assert landings.pilot is None
-    assert landings.pace == SWING_PACES[1]
+    assert landings.pace == PACES[1]
 
 
 def test_no_other_pace_is_tried_at_a_target_for_a_small_doubt(landings):
@@ -224,8 +225,8 @@ def test_no_other_pace_is_tried_at_a_target_for_a_small_doubt(landings):
 
 
 def test_a_pace_that_is_simulated_off_the_table_is_not_tried_first(landings):
-    nowhere = {pilot: np.full(2, np.nan) for pilot in landings._pilots(SWING_PACES[0])}
-    assert dataclasses.replace(landings, _known=nowhere).pilot.pace == SWING_PACES[1]
+    nowhere = {pilot: np.full(2, np.nan) for pilot in landings._pilots(PACES[0])}
+    assert dataclasses.replace(landings, _known=nowhere).pilot.pace == PACES[1]
 
 
 def test_a_cast_that_was_lost_is_not_made_again(landings):
@@ -238,7 +239,7 @@ def test_a_cast_that_was_lost_is_not_made_again(landings):
 
 
 def test_a_cast_that_ended_in_a_heap_is_not_made_again(landings):
-    pilots = [beside(landings, pilot, 0.0) for pilot in landings._pilots(SWING_PACES[0])]
+    pilots = [beside(landings, pilot, 0.0) for pilot in landings._pilots(PACES[0])]
     before = landings.with_casts(pilots)
     after = before.with_casts([beside(landings, before.aimed_at(FAR), 1.5 * ASTRAY)])
     assert after.aimed_at(FAR) is None
@@ -252,7 +253,7 @@ def test_an_error_aside_is_removed_by_the_next_casts_at_the_target(landings, err
         return dataclasses.replace(made_at(landings, cast, error, "aim"), proposal=proposal)
 
     proposal = proposal_of(landings, WILD)
-    after = landings.with_casts([made(pilot, 0.03) for pilot in landings._pilots(SWING_PACES[0])])
+    after = landings.with_casts([made(pilot, 0.03) for pilot in landings._pilots(PACES[0])])
     misses = []
     for _ in range(3):
         # The world errs across the cable by as much each time.
@@ -270,10 +271,10 @@ def test_casts_that_were_laid_out_count_more_than_a_simulator_that_folds_them(la
         )
 
     reach = landings.reach
-    pilots = landings._pilots(SWING_PACES[0])
-    cast = reach.cast_to(FAR, SWING_PACES[0])
+    pilots = landings._pilots(PACES[0])
+    cast = reach.cast_to(FAR, PACES[0])
     alone = dataclasses.replace(landings, _known={one: folded(one) for one in (*pilots, cast)})
-    assert alone.pace != SWING_PACES[0] or alone.aimed_at(FAR) is None
+    assert alone.pace != PACES[0] or alone.aimed_at(FAR) is None
     straight = [
         Cast(
             action=pilot,
@@ -289,7 +290,7 @@ def test_casts_that_were_laid_out_count_more_than_a_simulator_that_folds_them(la
         for pilot in pilots
     ]
     told = alone.with_casts(straight)
-    assert told.pace == SWING_PACES[0]
+    assert told.pace == PACES[0]
     expected = told.expectation(cast)
     np.testing.assert_allclose(expected.mean, FAR, atol=1e-3)
     assert told.aimed_at(FAR) is not None

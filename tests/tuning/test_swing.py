@@ -13,7 +13,15 @@ from cablecast.cli.options import load_lab
 from cablecast.errors import JointLimitError
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.limits import check_grip_paths
-from cablecast.motion.polar import plan_reset, polar_config, reset_pose, swing_path
+from cablecast.motion.polar import (
+    PullReach,
+    cast_paces,
+    plan_reset,
+    polar_config,
+    reset_pose,
+    swing_path,
+)
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.check import is_better
 from cablecast.setup import PolarCastConfig, Swing, load_setup
 from cablecast.tuning import swing
@@ -57,6 +65,14 @@ def test_the_arm_follows_it_and_the_gripper_stays_above_the_table(tuned):
     poses = path.evaluate(np.linspace(0.0, path.duration[0], 500))[0]
     assert poses[:, 2].min() > setup.workspace.grip_height - 1e-3
     assert (poses[:, 2] + 0.25 * np.cos(poses[:, 4])).min() > 0.1
+
+
+def test_polar_casts_begin_at_the_pace_at_which_it_was_found(tuned):
+    standard, own = (cast_paces(setup) for setup in tuned)
+    assert standard[0] == 0.9
+    assert own[0] == 1.0
+    assert set(own) == set(standard)
+    plan_trajectory(PullReach.of(tuned[1]).ahead(own[0]), tuned[1])
 
 
 def test_the_same_seed_finds_the_same_swing(tuned):
@@ -193,6 +209,7 @@ def test_no_swing_is_kept_that_a_real_arm_would_refuse(monkeypatch):
     def refuse(*_: object) -> None:
         raise JointLimitError("too close to the camera post")
 
+    monkeypatch.setattr(swing, "GENERATIONS", 2 * FEW)
     setup = load_setup(pathlib.Path(__file__).parents[2] / "examples" / "robot.yaml")
     free = cc.tune_swing(setup).polar
     # Below a beam the cable is lifted less high.

@@ -21,7 +21,7 @@ from cablecast.conventions import Array, polar_to_xy
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
 from cablecast.errors import CablecastError, InputError
-from cablecast.motion.polar import PolarCast, PullReach
+from cablecast.motion.polar import PolarCast, PullReach, cast_paces
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.setup import Setup
 from cablecast.task import LANDING, Expectation, Landing, MissLaw, Task
@@ -29,11 +29,6 @@ from cablecast.tuning.tuned import Tuned
 
 ASIDE = 0.75
 """Azimuth of the two pilots aside over the largest azimuth [-]."""
-
-SWING_PACES = (0.9, 0.8, 1.0)
-"""Paces of the swing in the order in which they are tried. In seven pairs of a laboratory and a
-cable, swings at 0.9 erred by 0.5 to 14 %; at 1.0 a light cable was left in a heap, and at 0.83 a
-stiff one after a short pull."""
 
 LAID_OUT = 0.08
 """Distance of the free end from that of a straight cable, along it, up to which a swing has laid it
@@ -113,11 +108,12 @@ class PolarLandings:
         to one side and now to the other, which only real casts tell, is left.
         """
         doubts = []
-        for pace in SWING_PACES:
+        paces = cast_paces(self.setup)
+        for pace in paces:
             doubts.append(self._doubt(pace))
             if doubts[-1] < KNOWN:
                 return pace
-        return SWING_PACES[int(np.argmin(doubts))]
+        return paces[int(np.argmin(doubts))]
 
     def _doubt(self, pace: float) -> float:
         """Return how far from where they are expected casts at a pace may land [cable lengths].

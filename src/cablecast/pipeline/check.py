@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cablecast.aiming.polar import LAID_OUT, SWING_PACES
+from cablecast.aiming.polar import LAID_OUT
 from cablecast.cable import CABLE_NAMES, load_cable
 from cablecast.conventions import Array, mirror_xy, polar_to_xy, stream, xy_to_polar
 from cablecast.engines import make_engine
@@ -36,7 +36,7 @@ from cablecast.motion.feasibility import (
 )
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.limits import check_grip_paths
-from cablecast.motion.polar import PullReach, plan_reset, polar_config, reset_pose
+from cablecast.motion.polar import PullReach, cast_paces, plan_reset, polar_config, reset_pose
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.places import require
 from cablecast.runs.progress import Progress, ProgressCallback, ignore
@@ -456,7 +456,7 @@ def _swings(setup: Setup, members: tuple[Dynamics, ...]) -> tuple[float, bool]:
     has_reset = bool(paths)
     with contextlib.suppress(CablecastError):
         reach = PullReach.of(setup)
-        for pace in SWING_PACES:
+        for pace in cast_paces(setup):
             cast = reach.ahead(pace)
             with contextlib.suppress(CablecastError):
                 paths.append(plan_trajectory(cast, setup).grip_path)
@@ -514,7 +514,7 @@ def _polar_landings(setup: Setup) -> Array:
         found = [
             (xy, cast)
             for xy in places[table.on_table(places)]
-            if (cast := reach.cast_to(xy, SWING_PACES[0])) is not None
+            if (cast := reach.cast_to(xy, cast_paces(setup)[0])) is not None
         ]
         # An arm that follows the nearest and the farthest follows those between them.
         outer = [cast.grip_path(setup) for _, cast in (found[:1] + found[-1:])]

@@ -25,7 +25,6 @@ from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.limits import check_grip_paths
 from cablecast.motion.polar import (
-    CAST_PACE,
     PolarReach,
     highest_lift,
     lift_path,
@@ -78,7 +77,7 @@ def tune_swing(setup: Setup, *, seed: int = 0, progress: ProgressCallback = igno
     """Return the set-up with a lift and a swing of its own, with which its cable lies straight.
 
     These are the section `polar` of a lab file, of which times of rest and of the pull are kept.
-    Resets use them, and polar casts: they are searched for at the pace of a reset and at 0.9.
+    Resets use them, and polar casts.
 
     Args:
         setup: Cable, workspace and arm.
@@ -120,10 +119,10 @@ class _Search:
         kept = {name: getattr(own, name) for name in _KEPT}
         self.config = dataclasses.replace(config, **kept)
         self.hanging = [self._hung(member) for member in self.members]
-        # Where the gripper comes down and is pulled to, and the pace of the swing.
+        # Where the gripper comes down and is pulled to.
         self.ways = [
-            (PolarReach.reset_radius(setup, self.config), setup.workspace.reset_y, 1.0),
-            *((radius, radius, CAST_PACE) for radius in self._cast_radii()),
+            (PolarReach.reset_radius(setup, self.config), setup.workspace.reset_y),
+            *((radius, radius) for radius in self._cast_radii()),
         ]
 
     def run(self, progress: ProgressCallback) -> Setup:
@@ -204,10 +203,7 @@ class _Search:
 
     def _paths(self, config: PolarCastConfig) -> list[GripPath]:
         """Return the swings of a candidate."""
-        return [
-            swing_path(radius, rest, self.setup, config.paced(1.0, 1.0 / pace))
-            for radius, rest, pace in self.ways
-        ]
+        return [swing_path(radius, rest, self.setup, config) for radius, rest in self.ways]
 
     def _excess(self, paths: list[GripPath]) -> float:
         """Return by how much paths are beyond the limits of the arm [-]; 0 where it can follow."""
@@ -248,7 +244,7 @@ class _Search:
     def _offsets(self, candidates: list[list[GripPath]]) -> NDArray[np.float64]:
         """Return how far from straight candidates leave the free end [lengths], [candidate]."""
         length = self.setup.cable.length
-        ends = np.array([[0.0, rest + length] for _, rest, _ in self.ways])
+        ends = np.array([[0.0, rest + length] for _, rest in self.ways])
         cases = [(0, 1), *((way, 0) for way in range(len(self.ways)))]
         path = GripPath.stack([paths[way] for paths in candidates for way, _ in cases])
         off = []
