@@ -8,6 +8,7 @@ cast, and what `aim` says of each cast and of all tries before the first one.
 Each laboratory is kept in --out: the same command resumes where it was stopped.
 """
 
+import contextlib
 import dataclasses
 import functools
 import itertools
@@ -26,6 +27,8 @@ from benchmarks.places import HIT_PCT, MISSED_PCT
 from benchmarks.result import Table, code_key
 from cablecast.aiming.propose import hit_chances
 from cablecast.evaluation.evaluate import median_interval
+from cablecast.motion.polar import PullReach, cast_paces
+from cablecast.motion.trajectory import plan_trajectory
 from cablecast.pipeline.check import LabCheck, check_tuned
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
@@ -62,6 +65,8 @@ class PromisesArgs:
 class ResetsArgs:
     """Swings in random laboratories."""
 
+    equal: int = 4
+    """Equal polar casts straight ahead with each swing."""
     count: int = 100
     """Seeds of laboratories, of which many have no table that holds the cable."""
     out: pathlib.Path = pathlib.Path("runs/benchmarks/resets")
@@ -209,20 +214,70 @@ def outcomes(found: Sequence[dict[str, Any]]) -> Table:
 
 
 def resets(args: ResetsArgs) -> Iterator[Table]:
-    """Yield in how many laboratories a simulated swing lays the cable out straight."""
-    parts = Parts(args.out / code_key(__name__))
+    """Yield how swings lay the cable out in simulation, and where equal polar casts land."""
+    parts = Parts(args.out / code_key(__name__) / f"{args.equal}")
     found: list[dict[str, Any]] = []
     for seed in range(args.count):
-        lab = kept(parts, seed, float("inf"), lambda seed=seed: begin(seed)[0])
+        lab = kept(parts, seed, float("inf"), functools.partial(swings, args, seed))
         found += [lab] if lab and not lab["refused"] else []
-    rows = []
-    for name, words in (("before", "the standard one"), ("after", "a tuned one where that folds")):
+    simulated, played = [], []
+    both = [lab for lab in found if min(len(lab[n]["xy"]) for n in ("before", "after")) > 1]
+    for name, words in (("before", "the standard one"), ("after", "a tuned one where better")):
         own = [lab[name] for lab in found]
         kinds = [sum(row[kind] for row in own) for kind in ("possible", "straight", "lays_out")]
         reached = 100.0 * float(np.median([row["reached"] for row in own]))
-        rows.append((words, len(own), *kinds, reached))
+        simulated.append((words, len(own), *kinds, reached))
+        apart = np.array([_apart(lab, lab[name]["xy"]) for lab in both])
+        close = hit_share(int(np.sum(apart <= HIT_PCT)), len(apart))
+        played.append((words, len(both), *median_interval(apart), *close))
     columns = ("swing", "labs", "the arm can follow", "reset straight", "polar casts straight")
-    yield Table("Swings", (*columns, "of the table reached, median [%]"), rows)
+    yield Table("Swings", (*columns, "of the table reached, median [%]"), simulated)
+    columns = ("swing", "labs", "median [% of length]", "low", "high")
+    columns += (f"within {HIT_PCT:g} % [% of labs]", "low", "high")
+    yield Table("Equal polar casts, distance from their middle", columns, played)
+
+
+def swings(args: ResetsArgs, seed: int) -> dict[str, Any]:
+    """Return what `begin` does, and where equal polar casts straight ahead end with each swing.
+
+    They end at `xy` [m]; one that did not land is left out.
+    """
+    found, checked = begin(seed)
+    if checked is None:
+        return found
+    before = cc.Setup.from_dict(found["lab"])
+    for name, setup in (("before", before), ("after", checked.setup)):
+        again = name == "after" and setup == before
+        found[name]["xy"] = found["before"]["xy"] if again else equal_casts(setup, seed, args.equal)
+    return found
+
+
+def equal_casts(setup: cc.Setup, seed: int, count: int) -> list[list[float]]:
+    """Return where equal polar casts straight ahead end [m]; none where the arm follows none."""
+    motion = None
+    with contextlib.suppress(cc.CablecastError):
+        reach = PullReach.of(setup)
+        for pace in cast_paces(setup):
+            with contextlib.suppress(cc.CablecastError):
+                motion = plan_trajectory(reach.ahead(pace), setup)
+                break
+    ends: list[list[float]] = []
+    if motion is None:
+        return ends
+    rig = RigVirtual(setup, 0, VirtualConfig(lab_seed=LAB_SEED + seed))
+    with cc.make_rig(rig, setup, time_limit=None) as checked:
+        for _ in range(count):
+            with contextlib.suppress(cc.CablecastError):
+                checked.reset()
+                xy = checked.execute(motion).endpoint_xy[-1]
+                ends += [xy.tolist()] if np.isfinite(xy).all() else []
+    return ends
+
+
+def _apart(lab: dict[str, Any], xy: list[list[float]]) -> float:
+    """Return the median distance of ends from their middle [% of the cable's length]."""
+    offsets = np.array(xy) - np.mean(xy, axis=0)
+    return 100.0 * float(np.median(np.hypot(*offsets.T))) / lab["lab"]["cable"]["length"]
 
 
 def checks(found: Sequence[dict[str, Any]], tries: int) -> Table:
