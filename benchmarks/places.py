@@ -163,13 +163,19 @@ def aimed_misses(
         last = proposal.trajectory
     if equal_count:
         landings = np.array(equal_casts(rig, last, equal_count))
-        offsets = 100.0 * (landings - np.nanmean(landings, axis=0)) / session.setup.cable.length
-        # Deviations from the mean of so few are too small.
-        wider = math.sqrt(equal_count / (equal_count - 1))
-        rows["floor_pct"] = [
-            _counted(wider * float(miss)) for miss in np.linalg.norm(offsets, axis=1)
-        ]
+        apart = distances_from_mean(landings, session.setup.cable.length)
+        rows["floor_pct"] = [_counted(miss) for miss in apart.tolist()]
     return rows
+
+
+def distances_from_mean(landings: NDArray[np.float64], length: float) -> NDArray[np.float64]:
+    """Return how far equal casts land from their mean [% of cable length], shape [cast].
+
+    Landings [m] have the shape [cast, 2]; those that are NaN are left out of the mean.
+    """
+    offsets = 100.0 * (landings - np.nanmean(landings, axis=0)) / length
+    # Deviations from the mean of so few are too small.
+    return math.sqrt(len(landings) / (len(landings) - 1)) * np.linalg.norm(offsets, axis=1)
 
 
 def _stated(proposal: cc.Proposal) -> dict[str, float]:

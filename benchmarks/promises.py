@@ -2,9 +2,9 @@
 
 Laboratories and cables are drawn as in `benchmarks.labs`, up to a length of 1.5 m, and played by
 the virtual rig, each with the seed of a laboratory that no other benchmark uses. The swing is tuned
-where `check` advises it. Five targets are drawn over the
-part of the table that `check` calls reachable. Stated are what `check` says of a target before any
-cast, and what `aim` says of each cast and of all tries before the first one.
+where `check` advises it. Five targets are drawn over the part of the table that `check` calls
+reachable. Stated are what `check` says of a target before any cast, and what `aim` says of each
+cast and of all tries before the first one.
 Each laboratory is kept in --out: the same command resumes where it was stopped.
 """
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 import cablecast as cc
 from benchmarks.common import REACHED_BY, hit_share
 from benchmarks.labs import describe, drawn_place, kept
-from benchmarks.places import HIT_PCT, MISSED_PCT
+from benchmarks.places import HIT_PCT, MISSED_PCT, distances_from_mean
 from benchmarks.result import Table, code_key
 from cablecast.aiming.propose import hit_chances
 from cablecast.evaluation.evaluate import median_interval
@@ -227,7 +227,7 @@ def resets(args: ResetsArgs) -> Iterator[Table]:
         kinds = [sum(row[kind] for row in own) for kind in ("possible", "straight", "lays_out")]
         reached = 100.0 * float(np.median([row["reached"] for row in own]))
         simulated.append((words, len(own), *kinds, reached))
-        apart = np.array([_apart(lab, lab[name]["xy"]) for lab in both])
+        apart = np.array([_apart(lab, name) for lab in both])
         close = hit_share(int(np.sum(apart <= HIT_PCT)), len(apart))
         played.append((words, len(both), *median_interval(apart), *close))
     columns = ("swing", "labs", "the arm can follow", "reset straight", "polar casts straight")
@@ -274,10 +274,10 @@ def equal_casts(setup: cc.Setup, seed: int, count: int) -> list[list[float]]:
     return ends
 
 
-def _apart(lab: dict[str, Any], xy: list[list[float]]) -> float:
-    """Return the median distance of ends from their middle [% of the cable's length]."""
-    offsets = np.array(xy) - np.mean(xy, axis=0)
-    return 100.0 * float(np.median(np.hypot(*offsets.T))) / lab["lab"]["cable"]["length"]
+def _apart(lab: dict[str, Any], name: str) -> float:
+    """Return the median distance of equal casts from their mean [% of cable length]."""
+    ends = np.array(lab[name]["xy"])
+    return float(np.median(distances_from_mean(ends, lab["lab"]["cable"]["length"])))
 
 
 def checks(found: Sequence[dict[str, Any]], tries: int) -> Table:
