@@ -15,6 +15,8 @@ from cablecast.camera.tags import FAMILY, EndTag, TagLayout, tag_family
 from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
 
 CLOCKS = ("device", "arrival")
+SIDES = "right", "left"
+"""Sides of the robot, as it looks ahead, on which a camera of swings may stand."""
 """Sources of frame times: the stamps of camera or stream, or the time at which frames arrive."""
 
 MARKER_HUE = 122.0
@@ -23,7 +25,7 @@ MARKER_HUE = 122.0
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraSettings:
-    """Settings of the camera above the table.
+    """Settings of the camera above the table, or beside the plane of swings in the air.
 
     Attributes:
         source: Number of a device (0 is /dev/video0), path of a device or of a video file, or
@@ -45,13 +47,16 @@ class CameraSettings:
             shutter. A rolling shutter of 1080 rows that is read in 1/60 s has 1.5e-5 s.
         view_deg: Angle of view over the image's diagonal [deg], where no lens is given.
         lens: Lens, from `cablecast calibrate lens`; found from the tags if None.
-        tags: Tags on the table; `default_layout` if None.
+        tags: Tags on the table; `default_layout` if None. On a wall behind the plane of swings, x
+            is the distance ahead of the base's axis and y the height in the base frame.
         tag_family: Family of these tags, a key of `cablecast.camera.tags.TAG_COUNTS`; that of the
             layout where it names one.
         end_tag: Tag on the cable's free end, which is followed in place of the marker.
         marker: Length and width of the marker along and across the cable [m].
         marker_hue: Hue of the marker on a table that counts as grey; 120 is green [deg].
         films: Folder that keeps the film of each trial; none are kept if None.
+        wall: Distance of that wall from the plane of swings [m]; None above a table.
+        side: Side of the robot on which a camera of swings stands, one of `SIDES`.
     """
 
     source: str
@@ -73,6 +78,8 @@ class CameraSettings:
     marker: tuple[float, float] = (0.038, 0.016)
     marker_hue: float = MARKER_HUE
     films: str | None = None
+    wall: float | None = None
+    side: str | None = None
 
     def __post_init__(self):
         if not isinstance(self.source, str) or not self.source.strip():
@@ -129,10 +136,25 @@ class CameraSettings:
         for value in self.marker:
             check_number("camera marker", value, 0.002, 0.5, "m")
         object.__setattr__(self, "marker", tuple(self.marker))
+        self._check_wall()
         if self.films is not None and not (isinstance(self.films, str) and self.films.strip()):
             raise InputError(
                 f"camera films = {str(self.films)[:60]!r} must be the path of a folder"
             )
+
+    def _check_wall(self) -> None:
+        """Refuse a wall without what else a camera of swings needs."""
+        if (self.wall is None) != (self.side is None):
+            raise InputError("camera wall and side belong together: both are of swings in the air")
+        if self.wall is None:
+            return
+        check_number("camera wall", self.wall, 0.0, 10.0, "m")
+        if self.side not in SIDES:
+            raise InputError(f"camera side = {self.side!r} must be one of {', '.join(SIDES)}")
+        if self.tags is None:
+            raise InputError("camera tags: list the tags on the wall behind the plane of swings")
+        if self.end_tag is not None:
+            raise InputError("camera end_tag: a swung tag turns away, so wrap a marker instead")
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, which `from_dict` reads."""

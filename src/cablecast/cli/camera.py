@@ -72,20 +72,22 @@ class CameraVerb:
         if self.picture is not None:
             from cablecast.files import write_bytes
             from cablecast.vision.check import draw_report
+            from cablecast.vision.plane import SeenPlane
 
-            write_bytes(self.picture, draw_report(report, setup.workspace))
+            write_bytes(self.picture, draw_report(report, SeenPlane.of(setup)))
             print(f"picture   {self.picture}")
         return EXIT_FALLS_SHORT if advice else 0
 
     def _pick(self, report: "CameraReport", setup: "Setup") -> None:
         from cablecast.setup import update_lab_file
+        from cablecast.vision.plane import SeenPlane
         from cablecast.vision.tracker import pick_marker
 
         if report.calibration is None:
             raise InputError(f"no marker without the table: {report.calibration_error}")
-        workspace = setup.workspace
-        at = self.at or (0.0, workspace.reset_y + setup.cable.length)
-        found = pick_marker(report.image, report.calibration.view, workspace, at)
+        plane = SeenPlane.of(setup)
+        at, z = self.at or plane.start, plane.height
+        found = pick_marker(report.image, report.calibration.view, plane.area, at, z)
         if found is None:
             raise InputError(
                 f"no marker is seen near x, y = {at[0]:.2f}, {at[1]:.2f} m: wrap vivid tape of "

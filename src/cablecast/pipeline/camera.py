@@ -14,8 +14,10 @@ from cablecast.camera.tags import Point, TableFit, fit_table
 from cablecast.errors import CameraError, InputError, check_count, check_number
 from cablecast.files import read_numbers
 from cablecast.motion.casting import Action
+from cablecast.motion.joint_move import JointMoves
 from cablecast.motion.trajectory import JointPath, plan_trajectory
 from cablecast.rigs.arm import RigArm
+from cablecast.rigs.arm_swing import RigSwingArm
 from cablecast.rigs.base import Rig
 from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.setup import Setup, load_setup, update_lab_file
@@ -29,6 +31,7 @@ from cablecast.vision.calibration import (
 from cablecast.vision.check import CameraCheck, CameraReport
 from cablecast.vision.clock import CastClock, ClockOffset
 from cablecast.vision.live import LiveCamera
+from cablecast.vision.plane import SeenPlane
 from cablecast.vision.trials import (
     ClockCamera,
     TrialCamera,
@@ -75,18 +78,24 @@ def check_camera(setup: Setup, *, seconds: float = 3.0, tip_speed: float = 5.0) 
 
 
 def sync_camera(
-    setup: Setup, make_rig: Callable[[Setup, TrialCamera], Rig] = RigArm
+    setup: Setup, make_rig: Callable[[Setup, TrialCamera], Rig] | None = None
 ) -> ClockOffset:
-    """Measure the offset between the clocks of robot and camera with one cast, `SYNC_ACTION`.
+    """Measure the offset between the clocks of robot and camera with one motion.
+
+    It is `SYNC_ACTION` over a table, and the middle move of a strike section.
 
     Raises:
         CameraError: The camera failed, or the cast was aborted.
         InputError: The motion was not seen.
         RigError: The rig failed.
     """
-    trajectory = plan_trajectory(SYNC_ACTION, setup)
+    action, arm = SYNC_ACTION, RigArm
+    if setup.strike is not None:
+        moves = JointMoves.of(setup)
+        action, arm = moves.move(np.full(moves.size, 0.5)), RigSwingArm
+    trajectory = plan_trajectory(action, setup)
     with ClockCamera(setup) as camera:
-        rig = make_rig(setup, camera)
+        rig = (make_rig or arm)(setup, camera)
         try:
             rig.reset()
             track = rig.execute(trajectory)
@@ -110,7 +119,7 @@ def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffse
     settings, reported = require_camera(setup), read_log(log, setup.arm)
     frames = read_video(film)[1]
     first = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
-    view = calibrate_camera(first, setup).view
+    view = SeenPlane.of(setup).base_view(calibrate_camera(first, setup).view)
     return film_offset(film, reported, setup.arm, view, settings.row_time)
 
 
@@ -158,7 +167,8 @@ def calibrate_table(
             this would make no sense.
     """
     setup = load_setup(lab_file)
-    require_camera(setup)
+    if require_camera(setup).wall is not None:
+        raise InputError("the camera of swings sees no table: measure the tags on its wall by tape")
     fit = fit_table(tags_of(setup), touched)
     off = fit.base_height - setup.arm.base_height
     if not write:

@@ -64,14 +64,16 @@ class RigSwingArm(RigArm):
 
     Args:
         setup: Lab file with robot and strike sections, and an arm that was measured.
-        camera: Camera that sees the swing.
+        camera: Camera that sees the swing; that of the lab file if None.
         driver: Name of the driver that the robot must be of; any if None.
 
     Raises:
         InputError: A section is missing, or the arm may not be driven; see `make_driver`.
+        CameraError: The lab file has no camera beside the swings, or it cannot be opened.
+        MissingExtraError: OpenCV is not installed.
     """
 
-    def __init__(self, setup: Setup, camera: SwingCamera, driver: str | None = None):
+    def __init__(self, setup: Setup, camera: SwingCamera | None = None, driver: str | None = None):
         self.moves = JointMoves.of(setup)
         super().__init__(setup, camera, driver)
         self.description |= {"strike": setup.to_settings()["strike"]}

@@ -119,10 +119,9 @@ def _swung(spec: str, setup: Setup, seed: int) -> Rig | None:
             raise RigError(f"--rig {spec[:60]} swings no cable in the air: take --rig engine")
         return RigSwing(setup)
     if spec in DRIVERS:
-        raise RigError(
-            f"--rig {spec} has no camera that sees the plane of a swing: give a rig of your own, "
-            "which returns RigSwingArm(setup, camera) with your camera (docs/strike.md)"
-        )
+        from cablecast.rigs.arm_swing import RigSwingArm
+
+        return RigSwingArm(setup, driver=spec)
     return None
 
 

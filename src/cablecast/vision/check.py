@@ -12,6 +12,7 @@ from cablecast.errors import CameraError, InputError
 from cablecast.setup import Setup
 from cablecast.vision.calibration import Calibration
 from cablecast.vision.live import SHARPNESS_MIN, Brightness, CameraFacts, Frame, FrameWatch
+from cablecast.vision.plane import SeenPlane
 from cablecast.vision.tags import detect_tags, load_cv2
 from cablecast.vision.tracker import (
     Chroma,
@@ -21,8 +22,7 @@ from cablecast.vision.tracker import (
     pick_marker,
     table_light,
 )
-from cablecast.vision.trials import calibrate_camera, require_camera, tags_of
-from cablecast.workspace import Workspace
+from cablecast.vision.trials import calibrate_camera, require_camera
 
 _ROW_COUNT, _COLUMN_STEP = 60, 8
 """Rows whose brightness is kept, and distance of the pixels that it is the mean of [px]."""
@@ -339,6 +339,7 @@ class CameraCheck:
     def __init__(self, setup: Setup, facts: CameraFacts, tip_speed: float = 5.0):
         self._setup = setup
         self._settings = require_camera(setup)
+        self._plane = SeenPlane.of(setup)
         self._facts = facts
         self._tip_speed = tip_speed
         self._watch = FrameWatch(self._settings.source)
@@ -386,17 +387,20 @@ class CameraCheck:
             refused = str(error)
         if calibration is not None:
             ids = (*calibration.tag_ids, *calibration.rejected_ids)
-            workspace, (length, _) = self._setup.workspace, self._settings.marker
+            plane, (length, _) = self._plane, self._settings.marker
+            workspace, z = plane.area, plane.height
             centre = (0.0, (workspace.y_min + workspace.y_max) / 2)
-            px_per_m = calibration.view.pixels_per_metre(centre)
+            px_per_m = calibration.view.pixels_per_metre(centre, z)
             light = table_light(image, calibration.view, workspace)
             mask = Chroma.of(image, self._settings.marker_hue, light).mask(45.0) > 0
             same = green_places(mask, calibration.view, workspace)
-            same = same[same[:, 2] > length]
-            at = (0.0, workspace.reset_y + self._setup.cable.length)
+            # The marker itself is none of them.
+            end = calibration.view.to_image(np.array([*plane.start, z]))
+            apart = np.linalg.norm(same[:, :2] - calibration.view.to_table(end), axis=1)
+            same = same[(same[:, 2] > length) & ~(apart < same[:, 2])]
             try:
                 if self._settings.end_tag is None:
-                    marker = pick_marker(image, calibration.view, workspace, at)
+                    marker = pick_marker(image, calibration.view, workspace, plane.start, z)
             except InputError as error:
                 unmarked = str(error)
         exposure = self._facts.exposure
@@ -419,7 +423,7 @@ class CameraCheck:
             refocused=min(self._sharpness) / min(max(self._sharpness), SHARPNESS_MIN),
             failure=self._failure,
             tags_seen=tuple(sorted(ids)),
-            tag_count=len(tags_of(self._setup).tags),
+            tag_count=len(self._plane.tags.tags),
             calibration=calibration,
             calibration_error=refused,
             px_per_m=px_per_m,
@@ -438,8 +442,8 @@ class CameraCheck:
 _SEEN, _REFUSED, _EDGE, _AXIS = (60, 170, 0), (0, 0, 220), (200, 120, 0), (160, 0, 160)
 
 
-def draw_report(report: CameraReport, workspace: Workspace) -> bytes:
-    """Return the last picture of a check as PNG, with what was found and the table's edges."""
+def draw_report(report: CameraReport, plane: SeenPlane) -> bytes:
+    """Return the last picture of a check as PNG, with what was found and the plane's lines."""
     cv2 = load_cv2()
     image = report.image.copy()
     rejected = () if report.calibration is None else report.calibration.rejected_ids
@@ -449,11 +453,9 @@ def draw_report(report: CameraReport, workspace: Workspace) -> bytes:
         u, v = np.round(quad.max(axis=0)).astype(int).tolist()
         cv2.putText(image, str(tag_id), (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 2)
     if report.calibration is not None:
-        view, w = report.calibration.view, workspace
-        x, low, high = w.half_width, w.y_min, w.y_max
-        _line(image, view, [(-x, low), (x, low), (x, high), (-x, high), (-x, low)], _EDGE)
-        _line(image, view, [(0.0, low), (0.0, high)], _AXIS)
-        _line(image, view, [(-x, w.reset_y), (x, w.reset_y)], _AXIS)
+        view, z = report.calibration.view, plane.height
+        for colour, line in zip((_EDGE, _AXIS, _AXIS), plane.lines, strict=False):
+            _line(image, view, line, colour, z)
         turn = np.linspace(0.0, 2.0 * np.pi, 24)
         for x, y, radius in report.same_coloured:
             circle = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])
@@ -462,11 +464,15 @@ def draw_report(report: CameraReport, workspace: Workspace) -> bytes:
 
 
 def _line(
-    image: np.ndarray, view: CameraView, corners: ArrayLike, colour: tuple[int, int, int]
+    image: np.ndarray,
+    view: CameraView,
+    corners: ArrayLike,
+    colour: tuple[int, int, int],
+    z: float = 0.0,
 ) -> None:
-    """Draw a line over the table, bent as the lens bends it."""
+    """Draw a line at a height over the table, bent as the lens bends it."""
     cv2 = load_cv2()
     for start, end in itertools.pairwise(np.asarray(corners, dtype=float)):
-        pixels = view.to_image(np.column_stack([np.linspace(start, end, 40), np.zeros(40)]))
+        pixels = view.to_image(np.column_stack([np.linspace(start, end, 40), np.full(40, z)]))
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         cv2.polylines(image, [np.round(pixels).astype(np.int32)], False, colour, 2, cv2.LINE_AA)

@@ -860,7 +860,11 @@ class EndpointTracker:
 
 
 def pick_marker(
-    image: NDArray[np.uint8], view: CameraView, workspace: Workspace, at: ArrayLike
+    image: NDArray[np.uint8],
+    view: CameraView,
+    workspace: Workspace,
+    at: ArrayLike,
+    z: float = 0.0,
 ) -> MarkerConfig | None:
     """Return hue and size of the marker that lies at a place of the table in a picture.
 
@@ -869,6 +873,7 @@ def pick_marker(
         view: Calibrated camera.
         workspace: Gives the table, which counts as grey.
         at: Place near the marker's middle [m], shape [2].
+        z: Height of that place above the table [m].
 
     Returns:
         The marker; None where nothing is coloured.
@@ -877,8 +882,8 @@ def pick_marker(
         InputError: Nothing that is coloured there is of a marker's size.
     """
     place = np.asarray(at, dtype=float)
-    light, px_per_m = table_light(image, view, workspace), view.pixels_per_metre(place)
-    u, v = view.to_image(np.array([*place, 0.0])).tolist()
+    light, px_per_m = table_light(image, view, workspace), view.pixels_per_metre(place, z)
+    u, v = view.to_image(np.array([*place, z])).tolist()
     if not np.isfinite([u, v, px_per_m]).all():
         raise InputError(f"x, y = {place[0]:.2f}, {place[1]:.2f} m is not before the camera")
     half = _PICK_RADIUS * px_per_m
@@ -897,7 +902,7 @@ def pick_marker(
                 area = patch.area / px_per_m**2
                 fits = _PICK_AREA[0] < area < _PICK_AREA[1] and not patch.touches_edge
                 if fits and patch.vivid > _VIVID_MIN and abs(patch.hue_off) < 2 * _HUE_BIN_DEG:
-                    distance = float(np.linalg.norm(view.to_table(patch.pixel) - place))
+                    distance = float(np.linalg.norm(view.to_table(patch.pixel, z) - place))
                     found.append((distance, hue + patch.hue_off, patch))
             if len(found) > known:
                 break

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cablecast.camera.settings import CameraSettings, CameraSight
-from cablecast.camera.tags import TagLayout, default_layout
+from cablecast.camera.tags import TagLayout
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.errors import CameraError
 from cablecast.motion.trajectory import JointPath
@@ -21,6 +21,7 @@ from cablecast.vision.clock import CastClock, ClockOffset, controller_shift
 from cablecast.vision.end_tag import make_tracker
 from cablecast.vision.grip import is_held, turned_into_sight
 from cablecast.vision.live import Brightness, Frame, FrameWatch, LiveCamera
+from cablecast.vision.plane import SeenPlane
 from cablecast.vision.tags import detect_tags
 from cablecast.vision.tracker import (
     EndpointTracker,
@@ -141,8 +142,7 @@ class CameraOfTrials:
     def __init__(self, setup: Setup):
         self.setup = setup
         self.settings = require_camera(setup)
-        workspace = setup.workspace
-        self._start_xy = np.array([0.0, workspace.reset_y + setup.cable.length])
+        self.plane = SeenPlane.of(setup)
         self._opened_at = time.strftime("%Y%m%d-%H%M%S")
         self._film_count = 0
         self._filming: _Filming | None = None
@@ -156,8 +156,11 @@ class CameraOfTrials:
         except BaseException:
             self._camera.close()
             raise
-        self._tracker = self._new_tracker(self._start_xy)
-        self._sight = CameraSight(position=self.calibration.view.position)
+        self.base_view = self.plane.base_view(self.calibration.view)
+        self._tracker = self._new_tracker(self.plane.start)
+        # Nothing lies still where a cable swings.
+        on_table = self.plane.swing is None
+        self._sight = CameraSight(position=self.base_view.position) if on_table else None
         self._reference = Brightness.of(images[-1])
         self.description: dict[str, Any] = {
             "camera": self._camera.facts.kind,
@@ -196,7 +199,7 @@ class CameraOfTrials:
             name = f"{self._opened_at}-{self._film_count:04}.mkv"
             writer = FilmWriter(pathlib.Path(self.settings.films) / name, self.settings.rate)
             self._film_count += 1
-        self._tracker = tracker = self._new_tracker(self._start_xy)
+        self._tracker = tracker = self._new_tracker(self.plane.start)
         self._cast_clock = clock = CastClock(self._camera.facts.width, self.settings.row_time)
         watch = FrameWatch(self.settings.source, self._reference)
         self._before = (None, None)
@@ -246,10 +249,12 @@ class CameraOfTrials:
         filming.finish(is_last)
         if filming.latest is not None:
             self._latest = filming.latest.image
-        self._sight = sight_of(self._tracker)
+        if self.plane.swing is None:
+            self._sight = sight_of(self._tracker)
         if timing.joint_path is not None:
             self._before = (self._before[0], timing.joint_path.q[0])
-        track = self._tracker.track(timing.end_time - timing.start_time, start + late)
+        duration = timing.end_time - timing.start_time
+        track = self.plane.track(self._tracker, duration, start + late)
         if track.status is TrialStatus.OCCLUDED and filming.dropped_count:
             raise CameraError(
                 f"the endpoint was lost, and {filming.dropped_count} frames of this cast found no "
@@ -269,7 +274,7 @@ class CameraOfTrials:
         """
         if (reported := timing.reported) is None:
             return 0.0, ""
-        arm, view = self.setup.arm, self.calibration.view
+        arm, view = self.setup.arm, self.base_view
         found = self._cast_clock.compare(reported, arm, view, shift, _CLOCK_REACH)
         if found is None:
             return 0.0, ""
@@ -292,7 +297,7 @@ class CameraOfTrials:
 
         None where no turn does; `q` are the joints of the standing arm [rad], shape [joint].
         """
-        return turned_into_sight(q, self.setup.arm, self.calibration.view)
+        return turned_into_sight(q, self.setup.arm, self.base_view)
 
     def holds_cable(self, q: NDArray[np.float64], after: float) -> bool | None:
         """Return whether the jaws still hold the cable after the last trial.
@@ -304,7 +309,7 @@ class CameraOfTrials:
         if image is None or start is None:
             return None
         now = self._fresh(1, after)[-1].image
-        return is_held((image, now), np.array([start, q]), arm, self.calibration.view)
+        return is_held((image, now), np.array([start, q]), arm, self.base_view)
 
     def cancel(self) -> None:
         """Drop the film of a trial that was aborted; harmless where none runs."""
@@ -313,18 +318,18 @@ class CameraOfTrials:
             filming.drop()
 
     def locate(self, after: float | None = None) -> NDArray[np.float64] | None:
-        """Return where the endpoint is now [m], shape [2]; None where it is not seen.
+        """Return where the endpoint is now [m], shape [2] or [3]; None where it is not seen.
 
         It is looked for about its place after a reset, then about where it was seen last.
         """
         frames = self._fresh(_LOCATE_FRAMES, after)
-        for place in (self._start_xy, self._last_xy):
+        for place in (self.plane.start, self._last_xy):
             if place is None:
                 continue
             tracker = self._new_tracker(place, start_radius=_LOCATE_RADIUS)
             xy = [tracker.update(frame.time, grab_of(frame.image)) for frame in frames][-1]
             if np.isfinite(xy).all():
-                return xy
+                return self.plane.points(xy)
         return None
 
     def picture(self) -> NDArray[np.uint8]:
@@ -333,8 +338,8 @@ class CameraOfTrials:
         latest = None if filming is None else filming.latest
         return self._latest if latest is None else latest.image
 
-    def sight(self) -> CameraSight:
-        """Return what the camera cannot see: blind places are known after the first trial."""
+    def sight(self) -> CameraSight | None:
+        """Return what the camera cannot see of a table: blind places after the first trial."""
         return self._sight
 
     def close(self) -> None:
@@ -378,13 +383,13 @@ class CameraOfTrials:
         length, width = self.settings.marker
         config = TrackerConfig(
             marker=MarkerConfig(length=length, width=width, hue=self.settings.marker_hue),
-            marker_z=self.setup.cable.radius,
+            marker_z=self.plane.height,
             exposure_max=self.settings.exposure,
             row_time=self.settings.row_time,
             **changes,
         )
-        view, setup = self.calibration.view, self.setup
-        return make_tracker(view, setup.workspace, setup.cable, self.settings, config, start_xy)
+        view, area = self.calibration.view, self.plane.area
+        return make_tracker(view, area, self.setup.cable, self.settings, config, start_xy)
 
 
 class ClockCamera(CameraOfTrials):
@@ -416,7 +421,7 @@ class ClockCamera(CameraOfTrials):
         # Frames that wait to be looked at are of before, however many they are.
         until = time.monotonic() + _AFTER
         filming.finish(lambda frame: frame.arrival >= until)
-        found = self._cast_clock.sync(reported, self.setup.arm, self.calibration.view)
+        found = self._cast_clock.sync(reported, self.setup.arm, self.base_view)
         if self.settings.clock == "arrival":
             # The delay of the robot's own reports is measured anew in each trial.
             shift = controller_shift(timing.clock_pairs)
@@ -520,7 +525,5 @@ def calibrate_camera(images: list[NDArray[np.uint8]], setup: Setup) -> Calibrati
 
 
 def tags_of(setup: Setup) -> TagLayout:
-    """Return the tags on the table of a set-up."""
-    if setup.camera is None:
-        return default_layout(setup.workspace)
-    return setup.camera.tags or default_layout(setup.workspace, setup.camera.tag_family)
+    """Return the tags that the camera of a set-up sees, in the coordinates of `SeenPlane`."""
+    return SeenPlane.of(setup).tags

@@ -14,7 +14,7 @@ from cablecast.aiming.config import AimConfig
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.engines.base import CableState
 from cablecast.engines.swing import SAMPLE_DT, swing_model
-from cablecast.errors import InputError, JointLimitError, RigError
+from cablecast.errors import CameraError, InputError, JointLimitError, RigError
 from cablecast.motion.joint_move import JointMoves, grip_path_of_joints
 from cablecast.motion.trajectory import JointPath, joints_at, plan_trajectory
 from cablecast.pipeline.aim import aim
@@ -254,8 +254,8 @@ def test_a_real_arm_strikes_a_target_on_the_twin(twin, rig):
     assert result.hit.all()
 
 
-def test_the_verbs_say_that_a_real_strike_needs_a_camera_of_ones_own(twin):
-    with pytest.raises(RigError, match=r"RigSwingArm\(setup, camera\)"):
+def test_a_camera_that_sees_no_swing_is_refused_before_the_robot_is_called(twin):
+    with pytest.raises(CameraError, match="tags on a wall behind it"):
         make_rig("ur", twin[1])
 
 
