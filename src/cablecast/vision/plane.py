@@ -58,12 +58,17 @@ class SeenPlane:
         """Return what the camera of a set-up sees: the table, or the plane of its swings.
 
         Raises:
-            CameraError: A set-up with a strike section has no camera beside its swings.
+            CameraError: A set-up with a strike section has no camera beside its swings, or one
+                without has such a camera.
             InputError: Its joints swing the cable in no plane.
         """
         camera = setup.camera
         if setup.strike is not None:
             return _of_swings(setup, camera)
+        if camera is not None and camera.wall is not None:
+            raise CameraError(
+                "the camera of the lab file is one of swings (wall), which need a section `strike`"
+            )
         table = setup.workspace
         layout = None if camera is None else camera.tags
         family = TagLayout.family if camera is None else camera.tag_family
