@@ -14,10 +14,14 @@ from cablecast.cable import Cable
 from cablecast.files import parse_yaml
 from cablecast.motion.casting import Action
 from cablecast.motion.grip_path import GripPath
+from cablecast.motion.polar import reset_pose
 from cablecast.motion.trajectory import Trajectory, plan_trajectory
+from cablecast.rigs.arm import RigArm
 from cablecast.rigs.base import Rig
+from cablecast.rigs.driver import RigPhase
 from cablecast.rigs.engine import RigEngine
 from cablecast.rigs.make import make_rig
+from cablecast.rigs.path import check_path, straight_move
 from cablecast.rigs.ur.twin.laboratory import TwinConfig
 from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.setup import Setup
@@ -27,6 +31,8 @@ from cablecast.workspace import Workspace
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 USER_RIG = "05_your_own_rig:make_rig"
 TWIN_FILE = EXAMPLES / "twin.yaml"
+# Largest speed of a joint on the way back [rad/s], several times that of a lab.
+RETURN_SPEED = 1.2
 
 TwinMaker = Callable[..., tuple[TwinProcess, Setup]]
 
@@ -127,13 +133,25 @@ def make_twin(twin_address) -> Iterator[TwinMaker]:
         twin.close()
 
 
+class RigQuick(RigArm):
+    """The arm with a reset that only brings it back: the paper's takes 17 s."""
+
+    def _reset_once(self):
+        self.driver.ready()
+        home = self.setup.arm.inverse(np.asarray(reset_pose(self.setup.workspace), dtype=float))
+        way = straight_move(self._at_rest(), home, RETURN_SPEED)
+        check_path(way, self.setup, "the way back")
+        self._play("cablecast_approach", way, RigPhase.RESET)
+        self._wait(0.2)
+
+
 @dataclasses.dataclass(frozen=True)
 class RigKind:
     name: str
     make: Callable[[], Rig]
 
 
-@pytest.fixture(scope="module", params=["virtual", "engine", "checked engine", "user", "ur"])
+@pytest.fixture(scope="module", params=["virtual", "engine", "user", "ur"])
 def rig_kind(request, setup) -> RigKind:
     """Each rig in a quick setting, made afresh by each call of `make`."""
     if request.param == "virtual":
@@ -141,23 +159,26 @@ def rig_kind(request, setup) -> RigKind:
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
         from cablecast.rigs.virtual._hidden import EFFECTS
 
-        config = VirtualConfig(without=EFFECTS, segment_count=12, dt=2e-3, sensing="exact")
+        config = VirtualConfig(
+            without=EFFECTS,
+            segment_count=12,
+            dt=2e-3,
+            reset_time=0.1,
+            rest_time_max=1.5,
+            sensing="exact",
+        )
         return RigKind("virtual", lambda: RigVirtual(setup, 0, config))
     if request.param == "ur":
         from benchmarks.truth import TruthCamera
 
-        from cablecast.rigs.arm import RigArm
-
         make_twin = request.getfixturevalue("make_twin")
         _, lab = make_twin(segment_count=12, rate=3.0)
-        return RigKind("ur", lambda: RigArm(lab, TruthCamera(lab)))
-    if "engine" in request.param:
+        return RigKind("ur", lambda: RigQuick(lab, TruthCamera(lab)))
+    if request.param == "engine":
         from cablecast.engines.warp_ import EngineWarp
 
-        engine = EngineWarp(segment_count=16, dt=1e-3)
-        if request.param == "engine":
-            return RigKind("engine", lambda: RigEngine(engine, setup))
-        return RigKind("engine", lambda: make_rig(RigEngine(engine, setup), setup))
+        engine = EngineWarp(segment_count=10, dt=2e-3)
+        return RigKind("engine", lambda: RigEngine(engine, setup))
 
     def make_user() -> Rig:
         with pytest.MonkeyPatch.context() as patch:

@@ -1,4 +1,5 @@
 import dataclasses
+import time
 
 import numpy as np
 import pytest
@@ -14,6 +15,22 @@ UR10E = {
     "motion": {"r0": 0.76, "control_dt": 0.002},
     "robot": {"box_low": [-1.25, 0.05, 0.0], "box_high": [1.25, 1.25, 1.5]},
 }
+# Speed of the fastest joint below which the arm rests [rad/s].
+REST_SPEED = 0.01
+
+
+def time_to_rest(process, event):
+    """Return how long after its newest event the arm still moved [s], by the twin's clock."""
+    begin = [e["time"] for e in process.admin.events() if e["what"] == event][-1]
+    deadline = time.monotonic() + 120.0
+    while process.admin.state()["time"] < begin + 1.0:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    truth = process.admin.truth(begin, begin + 1.0)
+    moving = [
+        t for t, s in zip(truth["times"], truth["joint_speed"], strict=True) if s > REST_SPEED
+    ]
+    return moving[-1] - begin if moving else 0.0
 
 
 @pytest.fixture(scope="session")

@@ -23,7 +23,7 @@ pytest.importorskip("torch")
 
 # Small pictures, few of them: what takes time is drawing. Their pixels measure 3 mm, and the lens
 # is guessed.
-CAMERA = {"width": 960, "height": 540, "rate": 15.0, "exposure": 0.002}
+CAMERA = {"width": 960, "height": 540, "rate": 10.0, "exposure": 0.002}
 LANDING_ERROR_MAX = 0.01
 UR5 = {"robot": {"box_low": [-0.97, 0.05, 0.0], "box_high": [0.97, 0.97, 1.1]}}
 # As fast as this computer simulates; the clock waits for the client.
@@ -42,6 +42,7 @@ def twin(make_twin):
 def lab(twin, tmp_path, small_fit, monkeypatch):
     """Work in a new folder with the lab file of the twin."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cablecast.rigs.arm.APPROACH_SPEED", 1.2)
     # What is fitted here is not measured.
     fit_of = functools.partial(dataclasses.replace, small_fit)
     monkeypatch.setattr("cablecast.tuning.fit.FitConfig", fit_of)
@@ -66,7 +67,7 @@ def true_landing(admin):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("coarse_engine")
+@pytest.mark.usefixtures("coarse_engine", "blank_figures")
 def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, lab, capsys):
     admin, setup = twin[0].admin, twin[1]
     # Both of these land on the table, and soon.
@@ -95,7 +96,7 @@ def test_collect_tune_and_aim_go_through_and_a_stop_in_between_is_resumed(twin, 
 
     assert not cablecast("tune", rig=())
     known = ("--casts", "runs/cable_1/tune-data", "--params", "runs/cable_1/tune")
-    few = ("--simulated-count", "400", "--candidate-count", "500", "--epochs", "5")
+    few = ("--simulated-count", "200", "--candidate-count", "500", "--epochs", "2")
     # What so small a model aims at, it may miss: 3 says so.
     once = ("--target", "1.10", "16.7", "--tries", "1", "--force")
     assert cablecast("aim", *known, *few, *once) in (0, 3)

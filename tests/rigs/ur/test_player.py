@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from tests.rigs.ur.conftest import REST_SPEED, time_to_rest
 
 from cablecast.errors import RigError, StoppedError
 from cablecast.motion.polar import reset_pose
@@ -20,7 +21,6 @@ from cablecast.setup import save_setup
 
 # The arm must rest this soon after whatever stops it, by the twin's clock [s].
 REST_TIME_MAX = 0.5
-REST_SPEED = 0.01
 # Encoder noise is 0.05 mrad; the servo has settled to less than that.
 ANGLE_TOLERANCE = 5e-4
 # The clock does not wait here, where silence is tried; a busy computer gets the longest watchdog.
@@ -61,20 +61,6 @@ def way(link, setup, turn=0.3, speed=0.6):
     return straight_move(q, home if away else home + [turn, 0, 0, 0, 0, 0], speed)
 
 
-def time_to_rest(process, event):
-    """Return how long after its newest event the arm still moved [s], by the twin's clock."""
-    begin = [e["time"] for e in process.admin.events() if e["what"] == event][-1]
-    deadline = time.monotonic() + 120.0
-    while process.admin.state()["time"] < begin + 1.0:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    truth = process.admin.truth(begin, begin + 1.0)
-    moving = [
-        t for t, s in zip(truth["times"], truth["joint_speed"], strict=True) if s > REST_SPEED
-    ]
-    return moving[-1] - begin if moving else 0.0
-
-
 def test_a_motion_ends_where_it_should_and_every_report_of_it_is_kept(link, player, twin):
     points = way(link, twin[1])
     record = player.play("cablecast_test", points)
@@ -87,27 +73,6 @@ def test_a_motion_ends_where_it_should_and_every_report_of_it_is_kept(link, play
     meant = points.evaluate(times - 0.03)[:, 0]
     assert np.abs(meant - [r.q[0] for r in moved]).max() < 0.02
     assert not link.latest().is_playing
-
-
-def test_an_e_series_reports_at_500_hz_and_stops_as_soon(make_twin):
-    process, setup = make_twin(PATIENT, model="ur5e", has_cable=False, patience=0.0)
-    link = UrLink(setup.robot)
-    try:
-        check_ready(link, setup.robot)
-        player = ProgramPlayer(link, setup.robot)
-        record = player.play("cablecast_test", way(link, setup))
-        # A busy computer misses reports; the most common step is that of the controller.
-        steps = np.round(np.diff([r.time for r in record.reports]), 4)
-        assert np.median(steps) == 0.002
-        process.admin.fault("protective_stop", "cast", 0.4)
-        points = way(link, setup, turn=0.6)
-        link.set_phase(RigPhase.CAST)
-        with pytest.raises(RigError, match="protective stop"):
-            player.play("cablecast_test", points)
-        assert time_to_rest(process, "fault") < REST_TIME_MAX
-    finally:
-        link.close()
-        process.close()
 
 
 @pytest.mark.parametrize(
