@@ -39,7 +39,7 @@ class EngineCamera:
 
     def __init__(self, setup: Setup):
         self.setup = setup
-        self.rig = RigEngine(EngineWarp(segment_count=16, dt=1e-3), setup)
+        self.rig = RigEngine(EngineWarp(segment_count=10, dt=2e-3), setup)
         self.description = {"camera": "engine", "tags_used": 0, "calibration_rms_mm": 0.0}
         self.start_fault = self.stop_fault = None
         self.is_filming = self.is_closed = False

@@ -48,30 +48,28 @@ def play(rig, trajectory):
     return rig.execute(trajectory)
 
 
-def test_the_same_seed_repeats_the_sequence_of_trials_and_another_does_not(setup, small_cast):
-    first, again, other = (RigVirtual(setup, seed, BRIEF) for seed in (3, 3, 4))
-    tracks = [play(first, small_cast), play(first, small_cast)]
-    np.testing.assert_array_equal(play(again, small_cast).nodes, tracks[0].nodes)
-    np.testing.assert_array_equal(play(again, small_cast).nodes, tracks[1].nodes)
-    assert not np.array_equal(tracks[0].final_xy, tracks[1].final_xy)
-    assert not np.array_equal(play(other, small_cast).final_xy, tracks[0].final_xy)
-
-
-def test_the_number_of_threads_changes_nothing(setup, small_cast):
-    tracks = [
-        RigVirtual(setup, 0, dataclasses.replace(BRIEF, thread_count=count)).execute_many(
-            [small_cast] * 2
-        )
-        for count in (1, 2)
-    ]
-    for one, two in zip(*tracks, strict=True):
-        np.testing.assert_array_equal(one.nodes, two.nodes)
+def test_a_trial_is_the_same_bit_for_bit_whatever_is_played_beside_it_and_with_any_threads(
+    setup, cast, small_cast
+):
+    threads = [dataclasses.replace(BRIEF, thread_count=count) for count in (2, 1)]
+    together = RigVirtual(setup, 3, threads[0]).execute_many([small_cast, cast, small_cast])
+    alone = RigVirtual(setup, 3, threads[1])
+    tracks = [play(alone, small_cast), play(alone, cast)]
+    for track, other in zip(tracks, together, strict=False):
+        np.testing.assert_array_equal(track.nodes, other.nodes)
+        # Reports of the shorter motion last as long as the longest one beside it.
+        q = track.joint_path.q
+        np.testing.assert_array_equal(q, other.joint_path.q[: len(q)])
+    # Another trial, or another seed, has another luck.
+    assert not np.array_equal(together[2].final_xy, together[0].final_xy)
+    other = play(RigVirtual(setup, 4, BRIEF), small_cast)
+    assert not np.array_equal(other.final_xy, together[0].final_xy)
 
 
 def test_equal_motions_scatter_by_some_per_cent_and_not_at_all_without_noise(setup, cable, cast):
     landings = [
-        [track.final_xy for track in rig.execute_many([cast] * 3)]
-        for rig in (RigVirtual(setup, 0, c) for c in (BRIEF, BRIEF_SILENT))
+        [track.final_xy for track in RigVirtual(setup, 0, config).execute_many([cast] * count)]
+        for config, count in ((BRIEF, 3), (BRIEF_SILENT, 2))
     ]
     scatter, none = (np.ptp(xy, axis=0).max() / cable.length for xy in landings)
     assert 0.001 < scatter < 0.2
@@ -106,15 +104,6 @@ def test_a_mirrored_motion_ends_mirrored_on_an_even_table_with_an_even_cable(
     assert 5 * MIRROR_TOLERANCE < apart < 0.1
 
 
-def test_a_trial_is_the_same_bit_for_bit_whatever_is_played_beside_it(setup, cast, small_cast):
-    together = RigVirtual(setup, 0, BRIEF).execute_many([small_cast, cast, small_cast])
-    alone = RigVirtual(setup, 0, BRIEF)
-    alone.seek(1)
-    track = play(alone, cast)
-    np.testing.assert_array_equal(track.nodes, together[1].nodes)
-    np.testing.assert_array_equal(track.joint_path.q, together[1].joint_path.q)
-
-
 def test_the_arm_reports_joints_that_carry_the_cable_where_it_is_gripped(setup, small_cast):
     track = play(RigVirtual(setup, 0, BRIEF_SILENT), small_cast)
     times, q = track.joint_path.times, track.joint_path.q
@@ -129,7 +118,7 @@ def test_the_arm_reports_joints_that_carry_the_cable_where_it_is_gripped(setup, 
 
 def test_a_cable_that_only_sweeps_past_the_edge_has_landed(setup, workspace):
     pose = np.array([0.0, workspace.reset_y, workspace.grip_height, 0.0, 0.0])
-    times = np.linspace(0.0, 3.0, 60)
+    times = np.linspace(0.0, 2.0, 40)
     poses = np.repeat(pose[None], len(times), axis=0)
     # Towards the far edge until the tip hangs over it, and back.
     poses[:, 1] += 0.36 * np.sin(np.pi * times / times[-1]) ** 2

@@ -47,12 +47,24 @@ def rig():
 
 
 @pytest.fixture(scope="module")
+def track(rig):
+    """Return the first swing of a laboratory as it is."""
+    return swing(rig)
+
+
+@pytest.fixture(scope="module")
 def silent():
     return RigStrike(SETUP, config=SILENT)
 
 
-def test_the_cable_hangs_straight_down_from_the_stick(silent):
-    nodes = swing(silent).nodes[0]
+@pytest.fixture(scope="module")
+def exact(silent):
+    """Return the same swing without noise."""
+    return swing(silent)
+
+
+def test_the_cable_hangs_straight_down_from_the_stick(exact):
+    nodes = exact.nodes[0]
     root = MOVES.stick.root(MOVES.arm.frames(np.array(MOVES.start))[-1])
     np.testing.assert_allclose(nodes[0], root, atol=5e-3)
     np.testing.assert_allclose(nodes[-1, :2], root[:2], atol=0.03)
@@ -87,33 +99,32 @@ def test_a_cable_that_was_pushed_swings_with_the_period_of_a_hanging_chain_with_
     assert period == pytest.approx(expected, rel=PERIOD_TOLERANCE)
 
 
-def test_the_joints_of_the_world_are_where_the_servos_bring_them(silent):
+def test_the_joints_of_the_world_are_where_the_servos_bring_them(exact):
     trajectory = plan_trajectory(MOVES.move(UNIT), SETUP)
-    track = swing(silent)
-    reported = track.joint_path
-    root = MOVES.stick.root(MOVES.arm.frames(joints_at(reported, track.times))[-1])
+    reported = exact.joint_path
+    root = MOVES.stick.root(MOVES.arm.frames(joints_at(reported, exact.times))[-1])
     # The stick sways: its end is within a centimetre or two of where the joints put it.
-    assert np.linalg.norm(track.nodes[:, 0] - root, axis=1).max() < 0.03
+    assert np.linalg.norm(exact.nodes[:, 0] - root, axis=1).max() < 0.03
     assert np.abs(reported.q[0] - trajectory.joint_path.q[0]).max() < HELD_TOLERANCE
 
 
-def test_equal_draws_give_equal_swings_and_others_scatter_a_little(rig):
-    first, again, other = swing(rig), swing(rig), swing(rig, index=1)
-    np.testing.assert_array_equal(first.nodes, again.nodes)
-    count = min(len(first.nodes), len(other.nodes))
-    gap = np.linalg.norm(first.nodes[: count // 2, -1] - other.nodes[: count // 2, -1], axis=1)
+def test_equal_draws_give_equal_swings_and_others_and_other_laboratories_others(rig, track):
+    again, other = swing(rig), swing(rig, index=1)
+    np.testing.assert_array_equal(track.nodes, again.nodes)
+    count = min(len(track.nodes), len(other.nodes))
+    gap = np.linalg.norm(track.nodes[: count // 2, -1] - other.nodes[: count // 2, -1], axis=1)
     # Frames of two swings are at other times.
     assert gap.max() > SCATTER_LOW
+    elsewhere = swing(RigStrike(SETUP, config=StrikeLabConfig(lab_seed=1)))
+    assert not np.array_equal(track.nodes[:20], elsewhere.nodes[:20])
 
 
-def test_equal_swings_without_noise_are_equal_and_seen_exactly(silent):
-    one, other = swing(silent), swing(silent, index=5)
-    np.testing.assert_array_equal(one.nodes, other.nodes)
-    np.testing.assert_array_equal(one.path, one.nodes[:, -1])
+def test_equal_swings_without_noise_are_equal_and_seen_exactly(silent, exact):
+    np.testing.assert_array_equal(exact.nodes, swing(silent, index=5).nodes)
+    np.testing.assert_array_equal(exact.path, exact.nodes[:, -1])
 
 
-def test_the_camera_sees_the_tip_in_the_plane_to_a_centimetre(rig):
-    track = swing(rig)
+def test_the_camera_sees_the_tip_in_the_plane_to_a_centimetre(track):
     seen = np.isfinite(track.path).all(axis=1)
     off = PLANE.coordinates(track.path[seen]) - PLANE.coordinates(track.nodes[seen, -1])
     assert np.median(np.linalg.norm(off[:, :2], axis=1)) < SEEN_TOLERANCE
@@ -127,11 +138,6 @@ def test_a_path_ends_when_the_cable_touches_the_arm(silent):
     track = swing(silent, np.array([0.7, 1.0, 0.5]))
     assert track.status is TrialStatus.OK
     assert track.times[-1] < SETUP.strike.watch_time - 0.05
-
-
-def test_other_laboratories_have_other_cables():
-    first, other = (RigStrike(SETUP, config=StrikeLabConfig(lab_seed=seed)) for seed in (0, 1))
-    assert not np.array_equal(swing(first).nodes[:20], swing(other).nodes[:20])
 
 
 @pytest.mark.parametrize("cable", ["cable_2", "cable_3"])
@@ -159,7 +165,7 @@ def test_a_set_up_without_a_strike_section_is_refused():
         RigStrike(Setup())
 
 
-def test_a_rig_whose_track_has_no_heights_is_refused(rig):
+def test_a_rig_whose_track_has_no_heights_is_refused(track):
     class Flat:
         description: dict = {}  # noqa: RUF012
 
@@ -169,8 +175,7 @@ def test_a_rig_whose_track_has_no_heights_is_refused(rig):
         close = reset
 
         def execute(self, trajectory):
-            rig.reset()
-            return dataclasses.replace(rig.execute(trajectory), endpoint_z=None)
+            return dataclasses.replace(track, endpoint_z=None)
 
     flat = CheckedRig(Flat(), SETUP)
     flat.reset()
