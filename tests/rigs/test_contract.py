@@ -7,7 +7,7 @@ import pytest
 
 from cablecast.cast import TrialStatus
 from cablecast.errors import RigError
-from cablecast.rigs.base import PURPOSES, Rig, run_trials
+from cablecast.rigs.base import Rig, run_trials
 
 # Rods may stretch by as much as a soft length constraint lets them; 1 % would be seen.
 STRETCH_MAX = 0.01
@@ -80,18 +80,6 @@ def test_the_joints_that_a_rig_reports_follow_those_that_were_commanded(track, c
         lag = commanded.qd[:, joint] * SERVO_LAG_MAX
         assert np.all(np.abs(at - commanded.q[:, joint]) <= np.abs(lag).max() + JOINT_TOLERANCE)
     np.testing.assert_allclose(actual.q[-1], commanded.q[-1], atol=JOINT_TOLERANCE)
-
-
-def test_trials_of_each_purpose_and_of_none_have_luck_of_their_own(rig_kind, small_cast):
-    rig = rig_kind.make()
-    if getattr(rig, "seek", None) is None:
-        pytest.skip("this rig draws nothing by chance")
-    ends = []
-    for purpose in ("", *PURPOSES):
-        rig.seek(0, purpose)
-        rig.reset()
-        ends.append(tuple(rig.execute(small_cast).final_xy))
-    assert len(set(ends)) == len(ends)
 
 
 def test_a_motion_without_a_reset_is_refused_and_so_is_a_closed_rig(rig_kind, small_cast):

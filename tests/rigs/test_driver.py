@@ -4,6 +4,7 @@ All else is `RigArm`. The cable is simulated by an engine along the joints that 
 """
 
 import dataclasses
+import functools
 import time
 
 import numpy as np
@@ -20,7 +21,7 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import CameraError, InputError, JointLimitError, RigError
 from cablecast.motion.grip_path import GripPath
 from cablecast.motion.trajectory import JointPath, Trajectory
-from cablecast.rigs.arm import RigArm
+from cablecast.rigs.arm import RigArm, reset_motions
 from cablecast.rigs.checked import CheckedRig
 from cablecast.rigs.driver import CastAbortedError, RigPhase
 from cablecast.rigs.engine import RigEngine
@@ -87,6 +88,9 @@ def lab(monkeypatch) -> Setup:
     for module in ("rigs.arm", "pipeline.dry_run"):
         monkeypatch.setattr(f"cablecast.{module}.CameraOfTrials", EngineCamera)
     monkeypatch.setattr(DriverPuppet, "made", [])
+    monkeypatch.setattr(
+        "cablecast.rigs.arm.reset_motions", lambda q, setup: planned_reset(tuple(q), setup)
+    )
     return Setup.from_dict({"arm": {"measured": True}, "robot": SECTION})
 
 
@@ -94,6 +98,12 @@ def lab(monkeypatch) -> Setup:
 def rig(lab):
     with make_rig(NAME, lab) as rig:
         yield rig
+
+
+@functools.cache
+def planned_reset(q, setup):
+    """Plan the same reset once for all tests."""
+    return reset_motions(np.array(q), setup)
 
 
 def fails_in_a_cast(monkeypatch, error):

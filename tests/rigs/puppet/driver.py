@@ -1,4 +1,3 @@
-import itertools
 from collections.abc import Callable
 from typing import ClassVar
 
@@ -58,14 +57,11 @@ class DriverPuppet:
         self.phase = phase
         start = self.latest().time
         self.is_moving = True
-        for at in itertools.count(1):
-            time = min(at * self.dt, curve.duration)
-            q = curve.evaluate([time])[0]
+        times = np.append(np.arange(self.dt, curve.duration, self.dt), curve.duration)
+        for time, q in zip(times, curve.evaluate(times), strict=True):
             self._report(q, np.clip((q - self.q) / self.dt, -SPEED_MAX, SPEED_MAX))
             self.q = q
             self.fault(name, time)
-            if time == curve.duration:
-                break
         self.is_moving = False
         return MotionRecord(start, self.since(start))
 

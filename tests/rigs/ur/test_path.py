@@ -84,7 +84,7 @@ def assert_within(q, setup):
     assert np.all(grip <= np.array(robot.box_high) + 1e-6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_no_cast_that_is_sent_exceeds_a_limit_or_leaves_the_box(robot_setup, seed):
     (values,) = feasible_uniform(1, robot_setup, seed=seed)

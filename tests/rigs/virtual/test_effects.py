@@ -358,7 +358,6 @@ def test_a_users_own_cable_without_attachment_is_cast_too():
 FROZEN_TOLERANCE = 0.005
 FROZEN_LANDINGS = {
     ("cable_1", 0): (0.4058, 0.7882),
-    ("cable_2", 0): (0.5924, 0.7433),
     ("cable_3", 1): (0.4153, 0.8389),
 }
 """Landings of the second trial of a rig [m]."""
