@@ -37,12 +37,6 @@ def test_capsules_join_one_another_from_the_table_to_where_the_gripper_holds_the
     assert distance == pytest.approx(arm.grip_offset, abs=1e-9)
 
 
-def test_a_turn_of_the_base_leaves_the_arm_where_it_is_and_turns_only_its_first_joint():
-    turned = ArmUR(base_yaw_deg=60.0)
-    there, here = (arm_shape(joints_at(0.3, 0.7, arm), arm) for arm in (turned, ARM))
-    np.testing.assert_allclose(there.ends, here.ends, atol=1e-9)
-
-
 def test_a_line_of_sight_is_measured_from_a_capsule_s_surface():
     rod = np.array([[[[-1.0, 0.0, 0.5], [1.0, 0.0, 0.5]]]])
     shape = ArmShape(ends=rod, radii=np.array([0.04]))

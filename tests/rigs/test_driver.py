@@ -192,12 +192,15 @@ def test_a_motion_beyond_a_joint_limit_is_refused_before_it_is_played(rig, cast)
     assert DriverPuppet.made[0].played == CAST[:2]
 
 
-def test_the_first_casts_of_an_unseen_lab_are_rehearsed(lab, cast):
+def test_the_first_casts_of_an_unseen_lab_are_rehearsed_slowly(lab, cast, monkeypatch):
+    lasted = {}
+    monkeypatch.setattr(DriverPuppet, "fault", staticmethod(lasted.__setitem__))
     lab = dataclasses.replace(lab, robot=dataclasses.replace(lab.robot, seen_safe=False))
     with make_rig(NAME, lab) as rig:
         rig.reset()
         assert rig.execute(cast).status is TrialStatus.OK
     assert DriverPuppet.made[0].played == [*CAST[:2], "cablecast_rehearsal", *CAST]
+    assert lasted["cablecast_rehearsal"] == pytest.approx(4 * lasted["cablecast_cast"])
 
 
 @pytest.mark.parametrize(
