@@ -256,7 +256,7 @@ def test_a_real_arm_strikes_a_target_on_the_twin(twin, rig):
     setup = twin[1]
     checked = CheckedRig(rig, setup, time_limit=600.0)
     config = AimConfig(within_pct=HIT_PCT, tries=4)
-    session = prepare_strike(checked, config, move_count=128, cable_count=4, progress=ignore)
+    session = prepare_strike(checked, config, move_count=64, cable_count=3, progress=ignore)
     result = aim(session, checked, [1.2, 0.9], progress=ignore)
     assert result.hit.all()
 
