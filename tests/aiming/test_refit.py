@@ -31,6 +31,8 @@ SEARCH = cc.FitConfig(
     coarse_segment_count=COARSE["segment_count"],
     coarse_dt=COARSE["dt"],
     ensemble_iterations=1,
+    # The cable of the rig has none.
+    materials=(),
 )
 SMALL = {
     **{"calibration_count": 3, "simulated_count": 120, "candidate_count": 200, "epochs": 2},
@@ -55,6 +57,7 @@ def quicken(patch):
     patch.setattr("cablecast.aiming.propose._SIMULATED_COUNT", 8)
     patch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
     patch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 12)
+    patch.setattr("cablecast.tuning.spread._POOL_COUNT", 200)
 
 
 @pytest.fixture(autouse=True)
@@ -138,6 +141,11 @@ def test_without_calibration_it_aims_at_once_and_the_first_casts_are_fitted(rig,
     assert session.fitted_count == 0
     due = RefitDue(RefitReason.FIRST_FIT, 6, 0)
     assert session.refit_due == due
+    fork = session.fork()
+    fork.undo()
+    assert fork.refit_due == RefitDue(RefitReason.FIRST_FIT, 5, 0)
+    fork.undo()
+    assert fork.refit_due is None
     # A session that is opened again waits for them, too.
     again = prepare(rig, **options)
     assert again.refit_due == due
@@ -164,28 +172,26 @@ def test_only_a_fast_session_keeps_to_the_pace_of_the_paper(rig, tmp_path):
         prepare(rig, out=tmp_path)
 
 
-def test_the_command_states_the_pace_of_a_cast_unless_it_is_fast(tmp_path, capsys):
+def test_the_command_states_the_pace_of_a_calm_cast_and_what_the_simulator_is_fitted_to(
+    tmp_path, capsys
+):
     options = [*COMMAND, "--calibration-count", "0", "--tries", "1", "--force"]
-    options += ["--target", "1.1", "10"]
-    main(["aim", *options, "--out", str(tmp_path / "calm")])
-    assert re.search(r"motion  \d+\.\d\d s, a pace of \d\.\d\d\n", capsys.readouterr().out)
-    main(["aim", *options, "--fast", "--out", str(tmp_path / "fast")])
+    first, second = (["--target", "1.1", "10"], ["--target", "1.0", "-5"])
+    calm, fast = (["--out", str(tmp_path / name)] for name in ("calm", "fast"))
+    assert main(["aim", *first, *options, *calm]) == 3
+    printed = capsys.readouterr().out
+    assert "no cast of cable_1 is known yet" in printed
+    assert re.search(r"motion  \d+\.\d\d s, a pace of \d\.\d\d\n", printed)
+    assert main(["aim", *second, *options, *calm]) == 3
+    assert "1 cast of cable_1 is known; the simulator is fitted to 0" in capsys.readouterr().out
+    assert main(["aim", *first, *options, *fast, "--fast"]) == 3
     assert re.search(r"motion  \d+\.\d\d s\n", capsys.readouterr().out)
 
 
-def test_the_command_says_that_it_begins_with_the_believed_values(tmp_path, capsys):
-    options = [*COMMAND, "--out", str(tmp_path), "--calibration-count", "0", "--tries", "1"]
-    assert main(["aim", "--target", "1.1", "10", "--force", *options]) == 3
-    assert "no cast of cable_1 is known yet" in capsys.readouterr().out
-    assert main(["aim", "--target", "1.0", "-5", "--force", *options]) == 3
-    assert "1 cast of cable_1 is known; the simulator is fitted to 0" in capsys.readouterr().out
-
-
 def test_a_new_fit_needs_casts_and_a_folder(rig, tmp_path):
-    with pytest.raises(InputError, match="needs the folder of a session"):
-        prepare(rig, out=tmp_path, fit_all=True)
-    with pytest.raises(InputError, match="needs the folder of a session"):
-        prepare(rig, fit_all=True)
+    for out in (tmp_path, None):
+        with pytest.raises(InputError, match="needs the folder of a session"):
+            prepare(rig, out=out, fit_all=True)
 
 
 def test_casts_of_another_rig_are_not_taken_for_those_of_this_one(rig, begun):
@@ -263,21 +269,14 @@ def test_after_an_undo_the_casts_that_are_left_are_fitted_anew(rig, begun):
     cc.aim(session, rig, TARGETS)
     session.refit()
     before = session.model.policy.model.fingerprint
-    session.undo()
+    session.undo(4)
     session.refit()
     assert session.model.policy.model.fingerprint != before
+    assert session.fitted_count == len(session.predictor.casts) == 4
     kept = sorted(folder.name for folder in (begun / "fits").iterdir())
     assert kept == ["00005-00000", "00005-00001"]
     again = prepare(rig, out=begun, tries=1)
     assert again.model.policy.model.fingerprint == session.model.policy.model.fingerprint
-
-
-def test_casts_that_were_taken_back_ask_for_no_new_fit(rig, tmp_path):
-    session = prepare(rig, out=tmp_path, tries=1, calibration_count=0)
-    cc.aim(session, rig, [[0.1 * k, 1.1] for k in range(5)])
-    assert "5 casts are known, and the simulator is fitted to none" in refit_text(session.refit_due)
-    session.undo()
-    assert session.refit_due is None
 
 
 @pytest.mark.parametrize("begins", ["casts", "params", "nothing"])
@@ -310,6 +309,8 @@ def test_a_fork_is_fitted_anew_without_touching_the_folder(rig, begun):
     other.cast(rig, other.propose(TARGETS[0]))
     other.refit(ignore)
     assert other.fitted_count == 4
+    with pytest.raises(InputError, match="only a session that prepare_aim returned"):
+        cc.AimSession(session.model.policy).refit()
     assert not (begun / "fits").exists()
     assert len(prepare(rig, out=begun, tries=1).casts) == len(session.casts) == 3
 
@@ -349,19 +350,6 @@ def test_what_was_learned_is_not_learned_again(rig, begun, monkeypatch):
     np.testing.assert_allclose(
         mended.predictor.predict(session.casts[-1].sweep)[0], expected[0], rtol=0, atol=1e-6
     )
-
-
-def test_a_session_without_a_folder_is_fitted_anew_too_and_leaves_out_what_it_was_told_to(rig):
-    session = prepare(rig, tries=1)
-    cc.aim(session, rig, TARGETS)
-    before = session.model.policy.model.fingerprint
-    session.undo(4)
-    session.refit()
-    assert session.model.policy.model.fingerprint != before
-    assert session.fitted_count == 4
-    assert len(session.predictor.casts) == 4
-    with pytest.raises(InputError, match="only a session that prepare_aim returned"):
-        cc.AimSession(session.model.policy).refit()
 
 
 def casts_of(*innovations, fitted=5, try_number=1):
