@@ -20,7 +20,7 @@ from cablecast.task import LANDING, Task
 
 COARSE = {"segment_count": 10, "dt": 2e-3}
 # Calm casts, which a network learns from few of them.
-CAST_COUNT, CANDIDATE_COUNT = 3000, 3000
+CAST_COUNT, CANDIDATE_COUNT = 2000, 3000
 TRAINING = TrainingConfig(hidden_width=64, epochs=60)
 GOAL_COUNT, TRY_COUNT = 6, 3
 # Medians of first tries are 0.5 to 2.6 % of the scale, those of third ones a ninth of that at most.

@@ -60,12 +60,12 @@ def track_to(final_xy):
 def test_corrections_bring_casts_to_the_target_within_the_scatter(policy):
     with rig_of(policy) as rig:
         session = session_of(policy, tries=5)
-        result = cc.aim(session, rig, TARGETS)
+        result = cc.aim(session, rig, TARGETS[:3])
     first, fifth = (np.median(result.misses_pct(number)) for number in (1, 5))
     # The bias is up to 11 % of the length, equal casts scatter by 0.7 %.
     assert first > 3.0
     assert fifth < 1.5
-    assert len(session.casts) == 25
+    assert len(session.casts) == 15
 
 
 def test_a_hit_is_a_hit_within_the_tolerance_of_now(policy, tmp_path):
@@ -91,14 +91,14 @@ def test_a_target_is_done_once_it_is_hit(policy):
 
 
 def test_later_targets_profit_from_earlier_ones(policy):
-    line = np.stack([np.linspace(0.2, 0.5, 12), np.full(12, 1.15)], axis=1)
+    line = np.stack([np.linspace(0.2, 0.5, 8), np.full(8, 1.15)], axis=1)
     with rig_of(policy) as rig:
         together = cc.aim(session_of(policy, tries=1, within_pct=3.0), rig, line).misses_pct(1)
         alone = [
             cc.aim(session_of(policy, tries=1, within_pct=3.0), rig, one).misses_pct(1)[0]
             for one in line
         ]
-    assert np.median(together[6:]) < 0.6 * np.median(alone[6:])
+    assert np.median(together[4:]) < 0.6 * np.median(alone[4:])
 
 
 def test_every_cast_stays_within_the_arms_limits_and_the_expected_landing_on_the_table(policy):
@@ -113,33 +113,17 @@ def test_every_cast_stays_within_the_arms_limits_and_the_expected_landing_on_the
     assert edge.on_table(np.array([cast.expected_xy for cast in session.casts])).all()
 
 
-def test_a_session_that_is_opened_again_knows_its_casts_and_goes_on(policy, tmp_path):
-    with rig_of(policy) as rig:
-        whole = session_of(policy, tries=4)
-        cc.aim(whole, rig, TARGETS[:2])
-        for _ in range(3):
-            session = session_of(policy, tries=4, out=tmp_path / "session")
-            session.cast(rig, session.propose(TARGETS[0]))
-        session = session_of(policy, tries=4, out=tmp_path / "session")
-        cc.aim(session, rig, TARGETS[:2])
-    assert len(session.casts) == len(whole.casts) == 8
-    assert [cast.try_number for cast in session.casts_at(TARGETS[0])] == [1, 2, 3, 4]
-    again = cc.AimSession(policy, out=tmp_path / "session")
-    np.testing.assert_allclose(
-        [cast.final_xy for cast in again.casts], [cast.final_xy for cast in session.casts]
-    )
-
-
 def test_a_session_that_was_closed_at_any_cast_goes_on_as_if_it_had_not_been(policy, tmp_path):
     with rig_of(policy) as rig:
-        casts = cc.collect(rig, count=5, seed=3)
-        whole = session_of(policy, casts=casts, tries=20)
-        for _ in range(9):
+        casts = cc.collect(rig, count=3, seed=3)
+        whole = session_of(policy, casts=casts)
+        for _ in range(5):
             whole.cast(rig, whole.propose(TARGETS[0]))
-            reopened = session_of(policy, casts=casts, tries=20, out=tmp_path / "session")
+            reopened = session_of(policy, casts=casts, out=tmp_path / "session")
             reopened.cast(rig, reopened.propose(TARGETS[0]))
     for live, kept in zip(whole.casts, reopened.casts, strict=True):
         np.testing.assert_array_equal(kept.final_xy, live.final_xy)
+    assert [cast.try_number for cast in reopened.casts_at(TARGETS[0])] == [1, 2, 3, 4, 5]
 
 
 def test_a_proposal_says_what_to_expect_before_the_cast(policy):
@@ -155,14 +139,14 @@ def test_a_proposal_says_what_to_expect_before_the_cast(policy):
 
 def test_the_stated_uncertainty_holds_for_first_and_for_corrected_casts(policy):
     rng = np.random.default_rng(3)
-    targets = np.stack([rng.uniform(-0.5, 0.5, 40), rng.uniform(1.05, 1.25, 40)], axis=1)
+    targets = np.stack([rng.uniform(-0.5, 0.5, 20), rng.uniform(1.05, 1.25, 20)], axis=1)
     inside: dict[int, list[bool]] = {1: [], 2: []}
     with rig_of(policy) as rig:
         for target in targets:
             session = session_of(policy, tries=2)
             for cast in cc.aim(session, rig, target).casts[0]:
                 inside[cast.try_number].append(cast.square < cast.proposal.expected.law.square(0.9))
-    # Nine of ten, as far as 40 casts tell; a bias with a sharp bound is better than Gaussian.
+    # Nine of ten, as far as 20 casts tell; a bias with a sharp bound is better than Gaussian.
     assert np.mean(inside[1]) >= 0.8
     assert np.mean(inside[2]) >= 0.8
 
@@ -172,7 +156,7 @@ def test_an_action_that_scatters_is_damped(policy):
     misses = []
     with rig_of(policy, bias=0.02, scatter=0.04) as rig:
         session = session_of(policy, tries=8)
-        result = cc.aim(session, rig, TARGETS)
+        result = cc.aim(session, rig, TARGETS[:3])
         misses = [result.misses_pct(number) for number in range(3, 9)]
     root = np.sqrt(np.mean(np.square(misses)))
     # Scatter of 4 % along each axis alone gives 5.7 %.
@@ -184,7 +168,7 @@ def test_a_drift_is_noticed_and_a_steady_rig_is_not_accused(policy, drift, notic
     with rig_of(policy, bias=0.05, drift=drift) as rig:
         session = session_of(policy, tries=100)
         changes = []
-        for number in range(45):
+        for number in range(34):
             proposal = session.propose(TARGETS[number % 3])
             changes.append(change_text(session.cast(rig, proposal), session))
     assert any("has changed" in change for change in changes) is noticed
@@ -473,8 +457,10 @@ def test_three_casts_in_a_row_that_come_no_nearer_are_the_last_at_a_target(polic
 
 def test_of_many_casts_at_a_target_the_newest_tell_of_it(policy):
     target, session = np.array([0.3, 1.1]), session_of(policy, tries=40)
+    proposal = session.propose(target)
     for number in range(25):
-        session.observe(session.propose(target), track_to(target + [0.1, 0.001 * number]))
+        made = dataclasses.replace(proposal, number=number, try_number=number + 1)
+        session.observe(made, track_to(target + [0.1, 0.001 * number]))
     rows = session.predictor._rows_near(target)
     np.testing.assert_array_equal(rows, np.arange(25 - len(rows), 25))
     assert len(rows) == 20

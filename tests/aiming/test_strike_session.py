@@ -65,12 +65,26 @@ def rig():
     return make_rig(RigSwing(SETUP, TRUE, segment_count=16), SETUP)
 
 
-def opened(rig, out=None, **config):
-    return prepare_strike(rig, AimConfig(**({"within_pct": 2.0} | config)), out=out, **FEW)
+@pytest.fixture(scope="module")
+def prior():
+    """Return simulated swings, which all sessions begin with."""
+    return opened(make_rig(RigSwing(SETUP, TRUE), SETUP)).prior
 
 
-def test_a_target_is_struck_within_three_tries_and_the_next_profits(rig):
-    session = opened(rig)
+@pytest.fixture
+def session(prior):
+    return StrikeSession(SETUP, prior, config=CONFIG)
+
+
+CONFIG = AimConfig(within_pct=2.0)
+
+
+def opened(rig, out=None, **options):
+    return prepare_strike(rig, CONFIG, out=out, **(FEW | options))
+
+
+def test_a_target_is_struck_within_three_tries_and_the_next_profits(rig, session):
+    assert session.refit_due is None
     result = aim(session, rig, [TARGET, (1.0, 1.3)], progress=ignore)
     assert result.hit.all()
     assert [len(casts) <= 3 for casts in result.casts] == [True, True]
@@ -81,10 +95,10 @@ def test_a_target_is_struck_within_three_tries_and_the_next_profits(rig):
     assert isinstance(proposals[0].action, JointMove)
 
 
-def test_the_lag_of_the_arm_is_learned_from_the_joints_that_it_reports():
+def test_the_lag_of_the_arm_is_learned_from_the_joints_that_it_reports(session):
     late = make_rig(RigLate(SETUP, TRUE, segment_count=16), SETUP)
-    session = opened(late, tries=2)
-    aim(session, late, TARGET, progress=ignore)
+    (goal,) = session.goals(TARGET)
+    session.cast(late, session.propose(goal))
     respond = session.prior.model.respond
     assert respond is not None
     moves = JointMoves.of(SETUP)
@@ -108,31 +122,26 @@ def test_a_session_that_is_opened_again_knows_its_swings(rig, tmp_path):
     proposed = again.propose(goal)
     assert proposed.number == expected.number == 1
     assert proposed.action.speed == pytest.approx(expected.action.speed, abs=1.0)
+    # These are swings of strikes, in three dimensions.
+    with pytest.raises(InputError):
+        CastStore(Setup(), tmp_path / "session", STRIKE)
+    flat = dataclasses.replace(first.track, endpoint_z=None)
+    with pytest.raises(InputError, match="needs the height of the tip"):
+        session.observe(expected, flat)
 
 
 def test_simulated_swings_whose_file_is_damaged_are_simulated_anew(rig, tmp_path):
-    units = opened(rig, tmp_path).prior.units
+    few = {"move_count": 16, "cable_count": 1}
+    units = opened(rig, tmp_path, **few).prior.units
     file = tmp_path / "prior.npz"
     whole = file.read_bytes()
     for content in (b"", whole[: len(whole) // 2]):
         file.write_bytes(content)
-        np.testing.assert_array_equal(opened(rig, tmp_path).prior.units, units)
+        np.testing.assert_array_equal(opened(rig, tmp_path, **few).prior.units, units)
         assert len(file.read_bytes()) == len(whole)
 
 
-def test_swings_are_of_strikes_and_of_one_set_up(rig, tmp_path):
-    session = opened(rig, tmp_path)
-    (goal,) = session.goals(TARGET)
-    session.cast(rig, session.propose(goal))
-    with pytest.raises(InputError):
-        CastStore(Setup(), tmp_path / "session", STRIKE)
-    flat = dataclasses.replace(session.casts[0].track, endpoint_z=None)
-    with pytest.raises(InputError, match="needs the height of the tip"):
-        session.observe(session.propose(goal), flat)
-
-
-def test_a_swing_that_was_not_seen_is_not_made_again(rig):
-    session = opened(rig)
+def test_a_swing_that_was_not_seen_is_not_made_again(session):
     (goal,) = session.goals(TARGET)
     for _ in range(2):
         unseen = EndpointTrack.unseen(TrialStatus.OCCLUDED)
@@ -142,8 +151,7 @@ def test_a_swing_that_was_not_seen_is_not_made_again(rig):
     assert session.casts[0].track.path.shape == (1, 3)
 
 
-def test_what_cannot_be_struck_is_refused_with_the_nearest_point_that_can(rig):
-    session = opened(rig)
+def test_what_cannot_be_struck_is_refused_with_the_nearest_point_that_can(session):
     (goal,) = session.goals([2.6, 0.9])
     with pytest.raises(TargetError, match=r"2\.60 m ahead, 0\.90 m high cannot be struck") as error:
         check_reach(session.prior, goal, session.plane)
@@ -190,10 +198,3 @@ def test_a_swing_beyond_the_ranges_of_the_lab_file_is_no_swing_of_it():
     np.testing.assert_allclose(moves.unit_of(moves.move(unit)), unit)
     with pytest.raises(InputError, match="no mirror image"):
         fast.mirrored()
-
-
-def test_the_session_is_one_of_casts_like_any_other(rig):
-    session = opened(rig)
-    assert isinstance(session, StrikeSession)
-    assert session.refit_due is None
-    assert session.casts_at(np.zeros(3)) == []
