@@ -7,7 +7,6 @@ import pytest
 from benchmarks.validation.scenes import LENGTH, MASS, RADIUS, make_cable, straight
 from benchmarks.validation.shape import heavy_elastica
 
-from cablecast.errors import InputError
 from cablecast.motion.grip_path import GripPath
 
 mujoco = pytest.importorskip("mujoco")
@@ -26,8 +25,8 @@ def sideways(distance_at, duration) -> GripPath:
     return GripPath.fit(times, poses)
 
 
-@pytest.mark.parametrize("bend_stiffness", [5e-2, 2e-2])
-def test_a_clamped_cable_hangs_as_the_heavy_elastica(bend_stiffness):
+def test_a_clamped_cable_hangs_as_the_heavy_elastica():
+    bend_stiffness = 2e-2
     c = make_cable(bend_stiffness=bend_stiffness, linear_damping=5.0, angular_damping=50.0)
     path = GripPath.hold([0, 0, 2, 0, 0], 1.0)
     rollout = EngineMujoco(24).rollout(c, path, straight(24, (0, 0, 2.0), (0, 1, 0)), duration=5.0)
@@ -93,22 +92,6 @@ def test_a_twisted_cable_swings_at_its_torsional_frequency():
     np.testing.assert_allclose(final.roll_rate, -2 * np.pi / period * mode, rtol=0.01)
 
 
-def test_segments_keep_their_length_in_a_cast():
-    c = make_cable(
-        bend_stiffness=3e-4, twist_stiffness=3e-4, lateral_friction=0.4, endpoint_mass=0.01
-    )
-    times = np.linspace(0.0, 0.5, 40)
-    poses = np.zeros((40, 5))
-    poses[:, 0] = 0.4 * np.sin(np.pi * times / 0.5) ** 2
-    poses[:, 2] = 0.02
-    rollout = EngineMujoco(16).rollout(
-        c, GripPath.fit(times, poses), duration=1.0, sample_dt=0.05, record_nodes=True
-    )
-    lengths = np.linalg.norm(np.diff(rollout.nodes[0], axis=1), axis=-1)
-    # An edge that turns by an angle in one step is stretched by half its square: 0.35 % measured.
-    np.testing.assert_allclose(lengths, LENGTH / 16, rtol=5e-3)
-
-
 def test_a_stopped_cable_can_be_taken_up_again():
     # MuJoCo counts the roll from frames of its own, which begin anew with the second rollout.
     c = make_cable(bend_stiffness=3e-4, twist_stiffness=3e-4, lateral_friction=0.4)
@@ -138,9 +121,3 @@ def test_a_world_that_blows_up_leaves_no_log_file(tmp_path, monkeypatch):
     assert np.isnan(rollout.endpoint_xyz[0, -1]).all()
     assert list(tmp_path.iterdir()) == []
     assert mujoco.get_mju_user_warning() is None
-
-
-@pytest.mark.parametrize("wrong", [{"segment_count": 1}, {"dt": 0.1}])
-def test_a_count_or_a_step_out_of_bounds_is_refused(wrong):
-    with pytest.raises(InputError, match=next(iter(wrong))):
-        EngineMujoco(**wrong)

@@ -43,7 +43,7 @@ def same(one, other):
     )
 
 
-@pytest.mark.parametrize("world_count", [1, 4, 200])
+@pytest.mark.parametrize("world_count", [1, 4])
 @pytest.mark.parametrize("shared", ["nothing", "parameters", "motion"])
 def test_parts_together_are_the_whole(engine, world_count, shared):
     paths = cast_grip_paths(feasible_uniform(WORLDS, SETUP, seed=3), SETUP)

@@ -62,17 +62,12 @@ def test_the_fast_engine_agrees_with_the_plain_rod_along_whole_casts(paths):
     assert difference.max() < 1.0
 
 
-@pytest.mark.parametrize("rolling_friction", [0.0, CABLE.params.rolling_friction])
-@pytest.mark.parametrize("twist_stiffness", [0.0, CABLE.params.twist_stiffness])
-def test_the_fast_engine_agrees_with_the_plain_rod_where_both_roll(
-    rolling_friction, twist_stiffness
-):
-    # A cast of its own for each of the four kinds of cable, so that every cast is met.
-    kind = 2 * (not rolling_friction) + (not twist_stiffness)
-    paths = cast_grip_paths(ACTIONS[kind : kind + 1], Setup())
-    params = dataclasses.replace(
-        ROLLING, rolling_friction=rolling_friction, twist_stiffness=twist_stiffness
-    )
+@pytest.mark.parametrize(("cast", "resists"), [(0, True), (3, False)])
+def test_the_fast_engine_agrees_with_the_plain_rod_where_both_roll(cast, resists):
+    paths = cast_grip_paths(ACTIONS[cast : cast + 1], Setup())
+    params = ROLLING
+    if not resists:
+        params = dataclasses.replace(ROLLING, rolling_friction=0.0, twist_stiffness=0.0)
     ours = shapes(40, params, paths)
     plain = explicit_rod.simulate(CABLE, params, paths, 40, 1e-5, DURATION, rolls=True)
     difference = difference_pct(ours, plain)
@@ -97,8 +92,8 @@ def test_mujocos_rod_is_the_plain_rod_with_another_bending_law_and_another_frict
 
 
 def test_the_fast_engine_and_mujoco_agree_to_two_per_cent_along_whole_casts(paths):
-    # The slowest cast and the one that reaches farthest.
-    paths = paths[::2]
+    # The cast that reaches farthest.
+    paths = paths[2:3]
     ours = shapes(80, PARAMS, paths)
     theirs = shapes_in_mujoco(40, 1e-3, PARAMS, paths, DURATION)
     difference = difference_pct(ours, theirs)

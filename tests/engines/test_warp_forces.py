@@ -215,7 +215,7 @@ def test_single_precision_lets_a_bent_cable_creep_where_it_warns_and_double_hold
             cables,
             hold((0.0, 0.0, CABLE.radius)),
             CableState.at_rest(nodes),
-            duration=5.0,
+            duration=3.0,
             sample_dt=1.0,
             record_nodes=True,
         )

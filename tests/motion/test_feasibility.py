@@ -40,11 +40,11 @@ def dense_peaks(actions, setup):
 
 @pytest.mark.parametrize(
     "setup",
-    [SETUP, SETUP.with_motion(v_max=1.8), SETUP.with_motion(r0=2.0), TURNED_UR5E],
-    ids=["default", "fast", "far origin", "turned UR5e"],
+    [SETUP.with_motion(v_max=1.8), SETUP.with_motion(r0=2.0), TURNED_UR5E],
+    ids=["fast", "far origin", "turned UR5e"],
 )
 def test_peaks_between_samples_stay_within_the_share_that_is_kept_free(setup):
-    actions = grid_actions(feasible_ranges(setup), (4, 4, 4, 3))
+    actions = grid_actions(feasible_ranges(setup), (3, 3, 3, 3))
     checked = check_actions(actions, setup, both_sides=False)
     reached = ~np.isnan(checked.peaks[:, 0, 0])
     dense = dense_peaks(actions[reached], setup)
@@ -54,13 +54,6 @@ def test_peaks_between_samples_stay_within_the_share_that_is_kept_free(setup):
     assert np.any(near)
     assert np.all(dense[near] * LIMIT_SHARE <= checked.peaks[reached][near])
     assert np.all(dense[checked.mask[reached]] <= limits)
-
-
-def test_an_easy_action_is_feasible_and_has_no_reasons():
-    checked = check_actions(EASY, SETUP)
-    assert checked.mask.tolist() == [True]
-    assert checked.reasons == {}
-    assert checked.describe(0) == ""
 
 
 def hold(radius, duration=1.0):
@@ -104,6 +97,7 @@ def test_an_action_out_of_reach_is_rejected_for_its_reach_alone():
     far, near = [-0.8, 0.8, 1.1, 1.0], [-0.8, 0.8, 0.1, 1.0]
     checked = check_actions([far, *EASY, near], SETUP)
     assert checked.mask.tolist() == [False, True, False]
+    assert checked.describe(1) == ""
     (too_far,), (too_near,) = checked.reasons[0], checked.reasons[2]
     assert too_far.name == too_near.name == "reach"
     assert too_far.value > too_far.bound
@@ -144,7 +138,7 @@ def test_what_may_be_chosen_keeps_grip_and_flange_within_the_robots_box_on_both_
     # With a cable that points ahead, the flange is nearer to the base than the grip.
     (violation,) = check_actions([[-1.5, 0.5, 0.6, 0.5]], setup).reasons[0]
     assert str(violation).startswith("robot box: y of the flange")
-    actions = feasible_uniform(100, setup)
+    actions = feasible_uniform(60, setup)
     places = []
     for side in (actions, mirror_actions(actions)):
         for action in side:
@@ -156,13 +150,6 @@ def test_what_may_be_chosen_keeps_grip_and_flange_within_the_robots_box_on_both_
     # The box is used: the candidates come near its sides.
     assert np.abs(places[:, 0]).max() > 0.72
     assert places[:, 1].min() < 0.15
-
-
-def test_a_faster_motion_breaks_the_velocity_of_the_base():
-    actions = np.array([[-1.2, 1.2, 0.45, 1.2]])
-    assert check_actions(actions, SETUP).mask.tolist() == [True]
-    fast = check_actions(actions, SETUP.with_motion(v_max=2.5))
-    assert "base velocity" in fast.counts()
 
 
 @pytest.mark.parametrize("setup", [SETUP, TURNED_UR5E], ids=["UR5", "turned UR5e"])
@@ -199,13 +186,6 @@ def test_a_turned_base_spends_its_turn_of_the_first_joints_range():
     assert violation.name == "base position"
 
 
-def test_a_feasible_grid_of_a_ur5e_can_be_followed_by_it_on_both_sides():
-    setup = Setup(arm=ArmUR(model="ur5e"))
-    actions = feasible_grid(60, setup, seed=2)
-    for side in (actions, mirror_actions(actions)):
-        assert np.all(check_actions(side, setup, both_sides=False).mask)
-
-
 def test_a_batch_larger_than_a_chunk_is_checked_as_its_rows_are():
     actions = grid_actions(ActionRanges(), (7, 7, 4, 2))
     checked = check_actions(actions, SETUP)
@@ -224,12 +204,14 @@ def test_a_bad_action_is_refused():
         check_actions([*EASY, [np.nan, 0.5, 0.6, 0.5]], SETUP)
 
 
-@pytest.mark.parametrize("count", [1, 7, 300])
-def test_a_feasible_grid_has_exactly_as_many_feasible_actions_as_asked(count):
-    actions = feasible_grid(count, SETUP, seed=3)
+@pytest.mark.parametrize(("count", "v_max"), [(1, 1.5), (7, 1.5), (300, 2.5)])
+def test_a_feasible_grid_has_exactly_as_many_feasible_actions_as_asked(count, v_max):
+    # At 2.5 m/s many are rejected.
+    setup = SETUP.with_motion(v_max=v_max)
+    actions = feasible_grid(count, setup, seed=3)
     assert actions.shape == (count, ACTION_SIZE)
     assert len(np.unique(actions, axis=0)) == count
-    assert np.all(check_actions(actions, SETUP).mask)
+    assert np.all(check_actions(actions, setup).mask)
     assert np.all((actions[:, 0] < 0) & (actions[:, 1] > 0) & (actions[:, 3] >= actions[:, 1]))
 
 
@@ -268,11 +250,6 @@ def test_motions_are_found_with_reports_up_to_the_last_and_kept_for_the_next_cal
     assert reports == []
 
 
-def test_a_feasible_grid_fills_up_where_many_actions_are_rejected():
-    actions = feasible_grid(300, SETUP.with_motion(v_max=2.5))
-    assert np.all(check_actions(actions, SETUP.with_motion(v_max=2.5)).mask)
-
-
 def test_a_feasible_grid_without_wrist_turns_is_a_grid_of_the_action_set_a1():
     actions = feasible_grid(100, SETUP, ActionRanges(wrist=(0.0, 0.0)))
     np.testing.assert_array_equal(actions[:, 3], actions[:, 1])
@@ -298,7 +275,6 @@ def test_uniform_actions_are_refused_where_the_arm_can_make_none():
 LABS = {
     "paper": Setup(),
     "far origin": Setup(motion=MotionConfig(r0=2.0)),
-    "near origin": Setup(motion=MotionConfig(r0=0.4)),
     "near gripper": Setup(
         workspace=Workspace(table_width=1.6, table_depth=1.2, reset_y=0.28, support_depth=0.1)
     ),
@@ -318,7 +294,7 @@ def test_the_ranges_hold_what_the_arm_can_do_and_little_else(lab):
     behind = setup.motion.r0 - setup.workspace.reset_y
     wide = np.radians([[-90, -1], [1, 90], [0, 0], [0, 90]])
     wide[2] = (0.35 + max(behind, 0.0), 0.94 + abs(behind))
-    actions = rng.uniform(wide[:, 0], wide[:, 1], (4000, 4))
+    actions = rng.uniform(wide[:, 0], wide[:, 1], (2000, 4))
     actions[:, 3] += actions[:, 1]
     actions = actions[check_actions(actions, setup).mask]
     actions[:, 3] -= actions[:, 1]

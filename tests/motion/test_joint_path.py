@@ -50,13 +50,6 @@ def test_a_joint_path_begins_and_ends_at_rest():
     np.testing.assert_allclose(path.qd[[0, -1]], 0.0, atol=1e-12)
 
 
-def test_the_peak_speed_is_the_largest_of_each_joint():
-    qd = np.zeros((3, 6))
-    qd[1, 2], qd[2, 2], qd[0, 5] = 0.5, -0.7, 0.2
-    path = JointPath(times=np.arange(3.0), q=np.zeros((3, 6)), qd=qd)
-    np.testing.assert_array_equal(path.peak_speed, [0, 0, 0.7, 0, 0, 0.2])
-
-
 def test_a_path_beyond_r_max_is_refused_with_its_radius():
     grip = GripPath.hold([0.0, 0.95, 0.02, 0.0, 0.0], duration=1.0)
     with pytest.raises(IKError, match=r"0\.9500 m from the base: r_max is 0\.94"):

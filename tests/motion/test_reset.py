@@ -115,8 +115,10 @@ def test_without_hanging_first_the_cable_ends_less_aligned():
     assert aside[1] > 2 * aside[0]
 
 
-@pytest.mark.parametrize("length", [0.35, 0.5])
-@pytest.mark.parametrize("model", ["ur5", "ur5e", "ur10e", "ur16e", "ur20", "ur30"])
+@pytest.mark.parametrize(
+    ("model", "length"),
+    [("ur5", 0.5), ("ur5e", 0.35), ("ur10e", 0.5), ("ur16e", 0.35), ("ur20", 0.5), ("ur30", 0.35)],
+)
 def test_every_arm_but_the_smallest_makes_the_reset_of_a_rope_and_polar_casts(model, length):
     rope = {"name": "rope", "kind": "rope", "length": length, "diameter": 0.008, "mass": 0.02}
     table = {"table_width": 2.75, "table_depth": 2.75, "table_near_y": 0.0}

@@ -8,7 +8,6 @@ from cablecast.errors import InputError
 from cablecast.motion.action import mirror_actions
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.servo import ServoModel, joint_response
-from cablecast.motion.trajectory import joint_path
 from cablecast.setup import Setup
 
 SETUP = Setup()
@@ -152,9 +151,6 @@ def test_an_arm_with_a_weak_base_arrives_later_where_it_was_sent(commanded):
     assert np.any(followed.duration > SERVO.apply(commanded, SETUP.arm).duration)
     end = np.full((len(commanded), 1), 10.0)
     np.testing.assert_allclose(followed.evaluate(end), commanded.evaluate(end), atol=FINE_ANGLE)
-    for row in range(len(commanded)):
-        alone = servo.apply(commanded[row], SETUP.arm)
-        assert alone.duration[0] == pytest.approx(followed.duration[row])
 
 
 def test_the_resulting_path_is_that_of_finely_sampled_joints(commanded):
@@ -221,10 +217,3 @@ def test_values_that_are_no_model_are_refused(values):
 def test_a_response_out_of_bounds_is_refused():
     with pytest.raises(InputError, match="servo frequency = 1 rad/s"):
         dataclasses.replace(SERVO, frequency=np.full(6, 1.0))
-
-
-def test_the_joint_path_of_a_motion_can_be_followed_directly(commanded):
-    path = joint_path(commanded[0], SETUP)
-    moved = SERVO.respond(path.q, SETUP.motion.control_dt)
-    assert moved.shape == path.q.shape
-    np.testing.assert_allclose(moved[0], path.q[0], atol=1e-7)

@@ -74,24 +74,6 @@ def test_a_trajectory_is_the_grip_path_of_its_action():
     assert trajectory.duration == reference.duration[0]
 
 
-def test_the_mirrored_action_makes_the_mirrored_trajectory():
-    action = Action(-0.8, 0.9, 0.7, 1.5)
-    right = plan_trajectory(action, SETUP)
-    left = plan_trajectory(action.mirrored(), SETUP)
-    mirrored = right.grip_path.mirrored()
-    np.testing.assert_array_equal(left.grip_path.knots, mirrored.knots)
-    np.testing.assert_array_equal(left.grip_path.coefficients, mirrored.coefficients)
-    assert left.joint_path is not None
-    assert right.joint_path is not None
-    # The arm is not symmetric, but both of its paths bring the grip to mirrored places.
-    flip = np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
-    np.testing.assert_allclose(
-        SETUP.arm.grip_pose(left.joint_path.q),
-        SETUP.arm.grip_pose(right.joint_path.q) * flip,
-        atol=1e-10,
-    )
-
-
 def test_a_motion_that_the_arm_cannot_follow_is_refused_by_name_value_and_bound():
     fast = SETUP.with_motion(v_max=3.0)
     with pytest.raises(JointLimitError, match=r"base velocity \d\.\d+ rad/s is above 3\.079 rad/s"):

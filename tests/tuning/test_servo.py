@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cablecast.errors import DatasetError
-from cablecast.motion.servo import ServoModel, joint_response
+from cablecast.motion.servo import ServoModel
 from cablecast.tuning.servo import identify_servo
 
 TICK = 1 / 125
@@ -37,10 +37,6 @@ LAG = 0.1 * TICK
 SAME_RESPONSE = NOISE / 2
 # Offset of an encoder [rad]: a hundred times its noise.
 OFFSET = 1e-2
-# Relative change of the sum of squares: far below the 1 / 2000 that one sample's noise makes.
-SAME_MINIMUM = 1e-6
-# Cosine between the residuals and a sensitivity: 0 at a minimum, near 1 for an error in the model.
-ORTHOGONAL = 1e-4
 
 
 def report(dataset, servo, rate=125.0, offset=0.0, noise=NOISE, rows=None):
@@ -70,20 +66,6 @@ def assert_same_response(model, truth, dataset):
         q = dataset.commanded_joints(row).q
         apart = (model.respond(q, TICK) - truth.respond(q, TICK))[:, MOVING]
         assert np.sqrt(np.mean(apart**2, axis=0)).max() < SAME_RESPONSE
-
-
-def misfit(values, dataset, joint):
-    """Residuals of one joint about their mean, trial by trial."""
-    delay, frequency, damping = values
-    left = []
-    for row in range(len(dataset)):
-        commanded, measured = dataset.commanded_joints(row), dataset.measured_joints(row)
-        q = commanded.q[:, joint]
-        held = np.concatenate([q, np.full(len(measured.q) - len(q), q[-1])])
-        moved = joint_response(held, TICK, delay=delay, frequency=frequency, damping=damping)
-        left.append(moved - measured.q[:, joint])
-    left = np.concatenate(left)
-    return left - left.mean()
 
 
 @pytest.fixture(scope="module")
@@ -166,30 +148,6 @@ def test_an_offset_of_the_encoders_is_no_lag(fit, dataset):
         )
     # What the arm reported is still off by the offset.
     np.testing.assert_allclose(shifted.model.residual, OFFSET, rtol=1e-2)
-
-
-@pytest.mark.parametrize("joint", MOVING)
-def test_no_other_servo_fits_the_measured_joints_better(fit, reported, joint):
-    from scipy.optimize import minimize
-
-    best = [getattr(fit.model, name)[joint] for name in ("delay", "frequency", "damping")]
-    scale = np.array([1e-3, 1.0, 1e-2])
-    left = misfit(best, reported, joint)
-    for index in range(3):
-        step = 1e-3 * scale * (np.arange(3) == index)
-        change = misfit(best + step, reported, joint) - misfit(best - step, reported, joint)
-        cosine = left @ change / (np.linalg.norm(left) * np.linalg.norm(change))
-        assert abs(cosine) < ORTHOGONAL
-    # A search without derivatives, which begins a few steps away in every direction.
-    simplex = best + scale * np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    refined = minimize(
-        lambda values: np.sum(misfit(values, reported, joint) ** 2),
-        best,
-        method="Nelder-Mead",
-        bounds=((0.0, 0.2), (10.0, 2000.0), (0.3, 3.0)),
-        options={"initial_simplex": simplex, "maxfev": 150},
-    )
-    assert np.sum(left**2) <= refined.fun * (1.0 + SAME_MINIMUM)
 
 
 def test_the_model_takes_the_gripper_to_where_it_went(fit):
