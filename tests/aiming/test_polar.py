@@ -46,9 +46,21 @@ def astray(landings, cast):
 
 def made_at(landings, cast, error, purpose):
     """Return a polar cast that erred from where it was simulated [cable lengths]."""
-    xy = landings._simulated_xy(cast) + LENGTH * error
-    track = EndpointTrack(times=np.zeros(1), endpoint_xy=xy[None], status=TrialStatus.OK)
+    return landed(cast, landings._simulated_xy(cast) + LENGTH * error, purpose)
+
+
+def landed(cast, xy, purpose="aim"):
+    """Return a polar cast that landed at a place [m], or nowhere."""
+    track = EndpointTrack.unseen(TrialStatus.OCCLUDED)
+    if xy is not None:
+        track = EndpointTrack(times=np.zeros(1), endpoint_xy=xy[None], status=TrialStatus.OK)
     return Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose=purpose)
+
+
+def folded(landings, cast):
+    """Return where a cable ends that is laid out with a fold [m]."""
+    straight = landings.reach.end_xy(cast.to_array())
+    return straight - 3.0 * LAID_OUT * LENGTH * landings.reach.axes(cast)[0]
 
 
 def beside(landings, cast, error):
@@ -175,12 +187,9 @@ def test_where_no_swing_lays_the_cable_out_the_best_is_kept(landings):
 
 
 def test_a_fold_that_is_foretold_is_as_good_as_a_straight_cable(landings):
-    def folded(cast):
-        xy = landings.reach.end_xy(cast.to_array())
-        return xy - 3.0 * LAID_OUT * LENGTH * landings.reach.axes(cast)[0]
-
     pilots = [pilot for pace in PACES for pilot in landings._pilots(pace)]
-    folds = dataclasses.replace(landings, _known={pilot: folded(pilot) for pilot in pilots})
+    known = {pilot: folded(landings, pilot) for pilot in pilots}
+    folds = dataclasses.replace(landings, _known=known)
     first = folds.pilot.pace
     for _ in range(3):
         folds = folds.with_casts([beside(folds, folds.pilot, 0.01)])
@@ -188,7 +197,7 @@ def test_a_fold_that_is_foretold_is_as_good_as_a_straight_cable(landings):
     assert folds.pace == first
     # Where it folds any more, nothing is known.
     cast = landings.reach.cast_to(FAR, first)
-    most = folded(cast) - 3.0 * LAID_OUT * LENGTH * landings.reach.axes(cast)[0]
+    most = folded(landings, cast) - 3.0 * LAID_OUT * LENGTH * landings.reach.axes(cast)[0]
     folds._known[cast] = most
     assert folds.aimed_at(FAR) is None
 
@@ -231,9 +240,7 @@ def test_a_pace_that_is_simulated_off_the_table_is_not_tried_first(landings):
 
 def test_a_cast_that_was_lost_is_not_made_again(landings):
     cast = landings.aimed_at(FAR)
-    track = EndpointTrack.unseen(TrialStatus.OCCLUDED)
-    lost = Cast(action=cast, duration=20.0, joint_path=None, track=track, purpose="aim")
-    after = landings.with_casts([lost])
+    after = landings.with_casts([landed(cast, None)])
     assert after.aimed_at(FAR) is None
     assert after.aimed_at(polar_to_xy([1.2, -0.2])) is not None
 
@@ -265,30 +272,13 @@ def test_an_error_aside_is_removed_by_the_next_casts_at_the_target(landings, err
 
 
 def test_casts_that_were_laid_out_count_more_than_a_simulator_that_folds_them(landings):
-    def folded(cast):
-        return (
-            reach.end_xy(cast.to_array()) - 3.0 * LAID_OUT * LENGTH * landings.reach.axes(cast)[0]
-        )
-
     reach = landings.reach
     pilots = landings._pilots(PACES[0])
     cast = reach.cast_to(FAR, PACES[0])
-    alone = dataclasses.replace(landings, _known={one: folded(one) for one in (*pilots, cast)})
+    known = {one: folded(landings, one) for one in (*pilots, cast)}
+    alone = dataclasses.replace(landings, _known=known)
     assert alone.pace != PACES[0] or alone.aimed_at(FAR) is None
-    straight = [
-        Cast(
-            action=pilot,
-            duration=20.0,
-            joint_path=None,
-            track=EndpointTrack(
-                times=np.zeros(1),
-                endpoint_xy=reach.end_xy(pilot.to_array())[None],
-                status=TrialStatus.OK,
-            ),
-            purpose="pilot",
-        )
-        for pilot in pilots
-    ]
+    straight = [landed(one, reach.end_xy(one.to_array()), "pilot") for one in pilots]
     told = alone.with_casts(straight)
     assert told.pace == PACES[0]
     expected = told.expectation(cast)

@@ -151,13 +151,6 @@ def test_the_landing_of_a_linear_model_shifts_by_its_slope():
     )
 
 
-def test_normalised_endpoints_are_turned_back_by_mean_and_scale():
-    model, endpoints = network([FEATURE_COUNT, 2]), np.array([[0.6, 0.7], [0.9, 0.1]])
-    np.testing.assert_allclose(
-        model.normalize_endpoints(endpoints), [[0.0, 0.0], [1.0, -2.0]], atol=EXACT
-    )
-
-
 def test_a_margin_is_the_mean_of_its_neighbours_weighted_by_inverse_distance():
     dataset = smooth_dataset(count=300)
     model = network([FEATURE_COUNT, 2]).with_margins(dataset)

@@ -1,7 +1,5 @@
 """The contract of policies: how targets are asked for, and what every plan answers."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from tests.learning.synthetic_casts import linear_model
@@ -105,12 +103,6 @@ def test_a_printed_plan_has_a_line_for_each_target_with_names_and_units():
     assert second.startswith("target r = 0.985 m, theta = -24.0 deg: ")
 
 
-def test_what_a_plan_does_not_know_is_nan():
-    plan = some_plan()
-    assert np.isnan(plan.sensitivity).all()
-    assert plan.sensitivity.shape == (2,)
-
-
 def test_a_plan_that_gives_its_motions_needs_no_actions():
     motions = some_plan().trajectories
     plan = some_plan(actions=np.array(np.nan), motions=motions)
@@ -140,8 +132,3 @@ def test_an_action_that_the_arm_cannot_follow_shows_when_its_motion_is_wanted():
 def test_a_plan_whose_parts_do_not_fit_is_refused(changes, words):
     with pytest.raises(InputError, match=words):
         some_plan(**changes)
-
-
-def test_plans_cannot_be_changed():
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        some_plan().sensitivity = np.zeros(2)

@@ -13,7 +13,7 @@ from cablecast.learning.policy import FORMAT, FORMAT_VERSION, ForwardSearchPolic
 from cablecast.motion.action import ActionRanges, grid_actions
 from cablecast.setup import Setup
 
-CORRUPTION_COUNT = 300
+CORRUPTION_COUNT = 100
 TARGETS = [[0.3, 1.1], [-0.2, 1.2], [0.0, 0.9]]
 
 

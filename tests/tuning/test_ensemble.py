@@ -71,12 +71,6 @@ def test_members_part_where_the_casts_say_nothing(fitted, cable, tracks, few):
     assert 1e-3 < spread(few) < spread(others)
 
 
-def test_none_is_made_where_no_step_is_asked_for(cable, few):
-    engine = EngineWarp(**COARSE)
-    config = dataclasses.replace(CONFIG, start_count=1, coarse_iterations=1, ensemble_iterations=0)
-    assert fit_params(Setup(cable=cable), few, None, engine, engine, config).members == ()
-
-
 def test_it_is_kept_with_the_parameters(fitted, cable, tmp_path):
     write_params(tmp_path, fitted.to_dict())
     again = load_tuned(tmp_path, Setup(cable=cable))
@@ -92,10 +86,11 @@ def test_a_damaged_one_is_refused(fitted, cable, tmp_path, damage):
         load_tuned(tmp_path, Setup(cable=cable))
 
 
-def test_its_simulations_count_as_coarse_ones(fitted, cable, few):
+def test_its_simulations_count_as_coarse_ones_and_none_is_made_without_steps(fitted, cable, few):
     engine = EngineWarp(**COARSE)
     without = dataclasses.replace(CONFIG, ensemble_iterations=0)
     alone = fit_params(Setup(cable=cable), few, None, engine, engine, without)
+    assert alone.members == ()
     more = fitted.metrics["coarse_simulation_count"] - alone.metrics["coarse_simulation_count"]
     assert more == fitted.metrics["simulation_count"] - alone.metrics["simulation_count"] > 0
 

@@ -119,48 +119,29 @@ def test_a_missing_file_says_how_to_make_one(tmp_path):
         load_tuned(tmp_path, SETUP)
 
 
+NO_FILES = ["", "3", "[]", "[1, 2", "[" * 100_000, "{}", "\x00", '{"params": ' * 100_000]
+NO_PARAMS = [None, [1, 2, 3], 7, {"mass": 1}, PARAMS | {"temper\nature": 1.0}]
+NO_MASSES = [None, True, "0.05", [0.05], {}, -1.0, 1e9, float("nan"), 10**400]
+NO_NAMES = [3, ["cable_1"], "a\nb", "x" * 1000]
+NO_HASHES = [
+    '{"sha256": "x", "params": ' + "[" * 900 + "]" * 900 + "}",
+    '{"sha256": 3, "params": {}}',
+]
+
+
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "3",
-        "[]",
-        "[1, 2",
-        "[" * 100_000,
-        '{"params": ' * 100_000,
-        '{"sha256": "x", "params": ' + "[" * 900 + "]" * 900 + "}",
-        '{"sha256": 3, "params": {}}',
-        "{}",
-        '{"params": null}',
-        '{"params": [1, 2, 3]}',
-        '{"params": 7}',
-        '{"params": {"mass": 1}}',
-        "\x00",
+        *NO_FILES,
+        *NO_HASHES,
+        *(json.dumps({"params": params}) for params in NO_PARAMS),
+        *(json.dumps({"params": PARAMS | {"mass": mass}}) for mass in NO_MASSES),
+        *(json.dumps({"cable": name, "params": PARAMS}) for name in NO_NAMES),
     ],
-    ids=lambda text: text[:20],
+    ids=lambda text: text[-20:],
 )
 def test_files_that_hold_no_parameters_are_refused(file, text):
     refusal(file, text)
-
-
-@pytest.mark.parametrize(
-    "value",
-    [None, True, "0.05", [0.05], {}, -1.0, 1e9, float("nan"), 10**400],
-    ids=lambda v: str(v)[:9],
-)
-def test_a_parameter_of_the_wrong_kind_is_refused_by_name(file, value):
-    message = refusal(file, json.dumps({"params": PARAMS | {"mass": value}}))
-    assert "does not hold tuned parameters" in message
-
-
-def test_an_unknown_parameter_is_refused(file):
-    message = refusal(file, json.dumps({"params": PARAMS | {"temper\nature": 1.0}}))
-    assert "unknown keys" in message
-
-
-@pytest.mark.parametrize("name", [3, ["cable_1"], "a\nb", "x" * 1000], ids=lambda v: str(v)[:9])
-def test_a_cable_name_of_the_wrong_kind_is_refused(file, name):
-    refusal(file, json.dumps({"cable": name, "params": PARAMS}))
 
 
 @pytest.mark.parametrize(
@@ -177,8 +158,4 @@ def test_a_cable_name_of_the_wrong_kind_is_refused(file, name):
     ids=lambda v: str(v)[:20],
 )
 def test_a_servo_of_the_wrong_kind_is_refused(file, servo):
-    file.write_text(json.dumps({"params": PARAMS, "servo": servo}))
-    with pytest.raises(InputError) as caught:
-        load_tuned(file, SETUP)
-    assert "\n" not in str(caught.value)
-    assert str(file) in str(caught.value)
+    refusal(file, json.dumps({"params": PARAMS, "servo": servo}))

@@ -19,6 +19,13 @@ SETUP = Setup()
 COUNT = 5
 
 
+@pytest.fixture(scope="module", autouse=True)
+def fewer_actions():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cablecast.tuning.spread._POOL_COUNT", 800)
+        yield
+
+
 @pytest.fixture(scope="module")
 def engine():
     return EngineWarp(segment_count=10, dt=2e-3)

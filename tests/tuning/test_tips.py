@@ -55,9 +55,9 @@ def test_draws_of_a_posterior_scatter_as_its_covariance_says(tip):
     drawn = found.draw(400, np.random.default_rng(0))
     spread = np.std(np.log([cable.length for cable in drawn]))
     stated = np.sqrt(found.covariances[0, 0, 0]) * np.log(BELIEF.deviations[0])
-    if len(found.points) == 1:
-        # Of 400 draws, 3.5 %.
-        assert spread == pytest.approx(stated, rel=0.15)
+    assert len(found.points) == 1
+    # Of 400 draws, 3.5 %.
+    assert spread == pytest.approx(stated, rel=0.15)
 
 
 def test_the_tolerance_of_a_tip_grows_from_its_fastest_moment_on(tip):
