@@ -17,7 +17,6 @@ from cablecast.pipeline.aim import SimulatorConfig
 from cablecast.report.words import refit_text
 from cablecast.rigs.engine import RigEngine
 from cablecast.runs.progress import DONE_NOTE, ignore
-from cablecast.tuning.tuned import load_tuned
 
 pytest.importorskip("torch")
 pytest.importorskip("matplotlib")
@@ -58,6 +57,7 @@ def quicken(patch):
     patch.setattr("cablecast.aiming.propose._SHORTLIST_COUNT", 4)
     patch.setattr("cablecast.aiming.predictor.SPREAD_COUNT", 12)
     patch.setattr("cablecast.tuning.spread._POOL_COUNT", 200)
+    patch.setattr("cablecast.tuning.tuned.FitConfig", lambda: SEARCH)
 
 
 @pytest.fixture(autouse=True)
@@ -89,8 +89,8 @@ def first_casts(tmp_path_factory, leave_figures_blank, make_engines_coarse):
     """Return the folder of a session that has made its first casts, and was fitted to them."""
     folder = tmp_path_factory.mktemp("first_casts")
     with pytest.MonkeyPatch.context() as patch, opened_rig() as opened:
-        quicken(patch)
         make_engines_coarse(patch)
+        quicken(patch)
         leave_figures_blank(patch)
         prepare(opened, out=folder, tries=1)
     return folder
@@ -279,15 +279,12 @@ def test_after_an_undo_the_casts_that_are_left_are_fitted_anew(rig, begun):
     assert again.model.policy.model.fingerprint == session.model.policy.model.fingerprint
 
 
-@pytest.mark.parametrize("begins", ["casts", "params", "nothing"])
+@pytest.mark.parametrize("begins", ["casts", "nothing"])
 def test_a_session_that_began_without_calibration_goes_on_without(rig, tmp_path, begins):
     casts = cc.collect(rig, count=4, out=tmp_path / "casts", progress=ignore)
     options, count = {"calibration_count": 0}, 0
     if begins == "casts":
         options, count = {"casts": casts}, 4
-    elif begins == "params":
-        cc.tune(casts, config=SEARCH, out=tmp_path / "tune", progress=ignore, **COARSE)
-        options = {"tuned": load_tuned(tmp_path / "tune", SETUP)}
     first = prepare(rig, out=tmp_path / "aim", **options)
     again = prepare(rig, out=tmp_path / "aim")
     for session in (first, again):
@@ -323,6 +320,7 @@ def test_a_session_of_a_fit_held_in_memory_is_opened_again_without_it(rig, tmp_p
     (tmp_path / "tune").mkdir()
     first = prepare(rig, out=tmp_path, tuned=tuned)
     again = prepare(rig, out=tmp_path)
+    assert (len(again.casts), again.fitted_count) == (0, 0)
     assert again.model.tuned.params == tuned.params
     assert again.model.policy.model.fingerprint == first.model.policy.model.fingerprint
     np.testing.assert_array_equal(again.model.tuned.posterior.mean, tuned.posterior.mean)

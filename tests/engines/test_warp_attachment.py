@@ -102,17 +102,6 @@ def test_weight_of_the_attachment_bends_a_cantilever(count):
     assert sag[1] - sag[0] == pytest.approx(by_couple, rel=0.02)
 
 
-def test_an_undamped_swing_with_an_attachment_gains_no_height():
-    cable = held_cable(ARM, mass=0.02, endpoint_mass=0.02, bend_stiffness=5e-4)
-    count = 20
-    state, path = level(count)
-    rollout = free_engine(count, 2.5e-4).rollout(cable, path, state, duration=5.0, sample_dt=1e-2)
-    assert rollout.finite.all()
-    height = rollout.endpoint_xyz[0, :, 2]
-    first, last = height[:100].max(), height[-150:].max()
-    assert last <= first + 0.01
-
-
 def test_worlds_with_and_without_an_arm_share_a_batch():
     cable = load_cable("cable_1")
     actions_path = GripPath.hold(np.array([0.0, 0.42, 0.02, 0.0, 0.0]), 0.2)

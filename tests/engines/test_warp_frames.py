@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from benchmarks.validation.scenes import LENGTH, RADIUS, make_cable
+from benchmarks.validation.scenes import LENGTH, make_cable
 from tests.engines.grips import smooth
 
 from cablecast.engines import make_engine
@@ -95,27 +95,6 @@ def test_grips_that_roll_twist_the_cable_by_their_difference(far_turn):
     np.testing.assert_allclose(rollout.final_state.far_roll, far_turn - turn, atol=1e-6)
     expected = (far_turn - turn) * MIDDLES
     np.testing.assert_allclose(rollout.final_state.roll[0], expected, atol=1e-6)
-
-
-def test_a_cable_clamped_at_both_ends_swings_about_itself_as_a_shaft():
-    amplitude, dt = 0.3, 1e-4
-    cable = CABLE.with_params(angular_damping=0.0)
-    inertia = 0.5 * MASS / LENGTH * RADIUS**2
-    omega = np.pi / LENGTH * np.sqrt(CABLE.params.twist_stiffness / inertia)
-    state = CableState.at_rest(straight())
-    state.roll[0] = amplitude * np.sin(np.pi * MIDDLES)
-    engine = EngineWarp(
-        segment_count=SEGMENT_COUNT, dt=dt, gravity=0.0, precision="double", table=False
-    )
-    end = round(0.5 * np.pi / omega / dt) * dt
-    rollout = engine.rollout(cable, hold(), state, end, end, far_path=hold((0.0, LENGTH, 0.0)))
-    # A quarter of a period later it is straight, and turns the fastest.
-    rate = -amplitude * omega * np.sin(np.pi * MIDDLES)
-    np.testing.assert_allclose(rollout.final_state.roll[0], 0.0, atol=0.02 * amplitude)
-    # Torsion at the end of the step damps at w² dt / 2: 3 % here.
-    np.testing.assert_allclose(
-        rollout.final_state.roll_rate[0], rate, atol=0.05 * amplitude * omega
-    )
 
 
 def test_a_twisted_cable_goes_on_from_its_final_state():
@@ -210,19 +189,6 @@ def lengths_and_diameters(cable=CABLE):
         dataclasses.replace(cable, length=length, diameter=diameter)
         for length, diameter in ((0.4, 0.01), (0.6, 0.004), (0.75, 0.02))
     ]
-
-
-def test_cantilevers_of_a_batch_sag_each_by_its_length():
-    damped = CABLE.with_params(linear_damping=5.0, bend_stiffness=5e-3)
-    cables = lengths_and_diameters(damped)
-    nodes = np.concatenate([straight() * (c.length / LENGTH) for c in cables])
-    engine = EngineWarp(segment_count=SEGMENT_COUNT, gravity=0.1, table=False, precision="double")
-    rollout = engine.rollout(cables, hold(), CableState.at_rest(nodes), 6.0)
-    lengths = np.array([c.length for c in cables])
-    # Each weighs the same, so that the load q is m g / L: q L^4 / (8 EI).
-    sag = damped.params.mass * 0.1 * lengths**3 / (8.0 * damped.params.bend_stiffness)
-    assert sag.max() < 0.06 * lengths.max()
-    np.testing.assert_allclose(-rollout.final_state.positions[:, -1, 2], sag, rtol=0.01)
 
 
 def test_a_cable_of_a_batch_is_cast_as_it_is_alone():

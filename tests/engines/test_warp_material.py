@@ -13,10 +13,7 @@ from cablecast.engines import make_engine
 from cablecast.engines.base import CableState
 from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
-from cablecast.motion.casting import cast_grip_paths
-from cablecast.motion.feasibility import feasible_uniform
 from cablecast.motion.grip_path import GripPath
-from cablecast.setup import Setup
 
 DENSITY, HEIGHT = 0.05, 2.0
 # A pull that sags the cantilever by a few hundredths of its length [m/s²].
@@ -58,7 +55,7 @@ def straight():
     return scenes.straight(SEGMENT_COUNT, START, (0.0, 1.0, 0.0)).positions
 
 
-@pytest.mark.parametrize("damping_time", [0.005, 0.05, 0.5, 1.0])
+@pytest.mark.parametrize("damping_time", [0.005, 0.05, 1.0])
 def test_a_mode_of_bending_decays_as_that_of_kelvins_and_voigts_solid(damping_time):
     amplitude = 0.01
     rollout = swing(CABLE.with_params(damping_time=damping_time), first_mode(amplitude), 2.0)
@@ -154,12 +151,6 @@ def test_each_world_may_have_a_material_of_its_own():
         assert np.abs(offset).max() < 2e-6
 
 
-def test_the_energy_of_a_material_is_no_growth():
-    cable = CABLE.with_params(damping_time=0.02, rest_curvature=np.linspace(-8.0, 8.0, 16))
-    rollout = swing(cable, straight(), 4.0)
-    assert rollout.finite.all()
-
-
 def sagging(cable, duration):
     """Return how far the end of a cantilever hangs down, after 3 s and at the end [m]."""
     slow = cable.with_params(linear_damping=0.5)
@@ -195,15 +186,6 @@ def test_a_cable_springs_back_from_bends_below_its_yield_curvature():
     # Rounding alone.
     np.testing.assert_allclose(yielding, elastic, atol=2e-6)
     assert over[1] > elastic[1] + 1e-4
-
-
-def test_bends_that_stay_are_no_growth_of_energy():
-    setup = Setup()
-    actions = feasible_uniform(64, setup, seed=3)
-    limits = np.linspace(5.0, 40.0, 64)
-    cable = setup.cable.with_params(damping_time=0.005, yield_curvature=limits, yield_time=0.1)
-    rollout = EngineWarp(28, 1e-3).rollout(cable, cast_grip_paths(actions, setup))
-    assert rollout.finite.all()
 
 
 def test_a_material_is_written_with_its_cable_and_read_again():
