@@ -8,10 +8,9 @@ from tests.aiming.formula_rig import LENGTH, SETUP, make_policy
 
 from cablecast.aiming.predictor import Beliefs, LandingPredictor
 from cablecast.aiming.propose import NEXT_NEAR, expected_loss, propose
-from cablecast.cast import Cast, EndpointTrack, TrialStatus
 from cablecast.conventions import mirror_xy
 from cablecast.engines.dynamics import Dynamics
-from cablecast.motion.action import action_rows, mirror_actions, mirror_to_right
+from cablecast.motion.action import mirror_actions, mirror_to_right
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.feasibility import feasible_uniform
 from cablecast.task import LANDING
@@ -300,22 +299,3 @@ def test_the_simulated_landing_is_expected_on_both_sides(policy):
         shift = LENGTH * np.array([side * 0.05, -0.03])
         np.testing.assert_allclose(choice.expected.mean, plain[0] + shift, atol=1e-9)
         np.testing.assert_allclose(choice.expected.mean, [side * 0.3, 1.1], atol=0.02)
-
-
-def test_the_stated_ellipse_is_wider_where_the_ensemble_parts(policy):
-    predictor = predictor_of(policy, _Assumed())
-    known, unknown = action_rows([[-0.4, 0.6, 0.5, 1.0], [-0.8, 0.6, 0.5, 1.0]])
-    _, covariance, _ = predictor.predict(np.array([known, unknown]))
-    assert np.linalg.det(covariance[1]) > 4.0 * np.linalg.det(covariance[0])
-
-
-def test_a_cast_moves_the_expected_landing_to_where_it_landed(policy):
-    before = predictor_of(policy, _Assumed(policy.model, shift=(0.05, 0.0)))
-    choice = propose(before, goal_at([0.3, 1.1]))
-    seen = choice.expected.mean + LENGTH * np.array([0.08, 0.02])
-    track = EndpointTrack(times=np.zeros(1), endpoint_xy=seen[None], status=TrialStatus.OK)
-    after = before.with_casts([Cast.of_motion(choice.trajectory, track, "aim", choice)])
-    expected, covariance, _ = after.predict(choice.action.to_array())
-    assert np.linalg.norm(expected[0] - seen) < 0.2 * np.linalg.norm(choice.expected.mean - seen)
-    assert np.linalg.det(covariance[0]) < 0.3 * np.linalg.det(choice.expected.spread)
-    assert not before.casts

@@ -446,17 +446,6 @@ def test_three_casts_in_a_row_that_come_no_nearer_are_the_last_at_a_target(polic
     assert stop is None or stop.reason is not StopReason.STUCK
 
 
-def test_of_many_casts_at_a_target_the_newest_tell_of_it(policy):
-    target, session = np.array([0.3, 1.1]), session_of(policy, tries=40)
-    proposal = session.propose(target)
-    for number in range(25):
-        made = dataclasses.replace(proposal, number=number, try_number=number + 1)
-        session.observe(made, track_to(target + [0.1, 0.001 * number]))
-    rows = session.predictor._rows_near(target)
-    np.testing.assert_array_equal(rows, np.arange(25 - len(rows), 25))
-    assert len(rows) == 20
-
-
 def test_a_cast_that_was_stopped_while_it_was_learned_from_is_learned_from(policy, monkeypatch):
     session = session_of(policy)
     first = session.propose(TARGETS[0])

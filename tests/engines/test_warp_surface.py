@@ -82,18 +82,6 @@ def test_a_cable_that_flies_across_itself_slows_down_as_one_over_the_time():
     assert errors[1] < 0.35 * errors[0]
 
 
-def test_a_cable_that_flies_along_itself_feels_no_drag():
-    # The free end would overtake a grip that slows down, and lag behind one that does not.
-    velocity = 8.0 * ALONG
-
-    def law(t):
-        return t[:, None] * velocity
-
-    rollout = fly(made_of(DRAG), law, moving(velocity, HEIGHT), 0.5)
-    expected = law(rollout.times[-1:])[0, 1] + LENGTH
-    np.testing.assert_allclose(rollout.final_state.positions[0, -1, 1], expected, atol=1e-5)
-
-
 @pytest.mark.parametrize("ratio", [0.02, 0.27, 1.0])
 def test_a_hanging_cable_that_falls_along_itself_reaches_its_terminal_velocity(ratio):
     terminal = np.sqrt(GRAVITY / (ratio * K))

@@ -124,16 +124,6 @@ def test_coverage_ends_a_stated_distance_beyond_the_last_landing(policy):
     np.testing.assert_array_equal(policy.plan(targets).inside_coverage, [True, True, False])
 
 
-def test_one_target_and_many_get_the_same_plans(policy):
-    targets = some_targets(10, seed=3)
-    together = policy.plan(targets)
-    for row, target in enumerate(targets):
-        alone = policy.plan(target)
-        assert len(alone) == 1
-        # Products of larger batches are summed in another order.
-        np.testing.assert_allclose(alone.actions[0], together.actions[row], atol=SINGLE)
-
-
 def test_candidates_are_feasible_and_the_same_for_the_same_seed():
     model = narrow_model()
     built = [ForwardSearchPolicy.build(model, 300, seed) for seed in (0, 0, 1)]

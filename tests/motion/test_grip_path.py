@@ -77,15 +77,6 @@ def test_pieces_of_no_duration_change_nothing():
         np.testing.assert_array_equal(plain.evaluate(times, order), padded.evaluate(times, order))
 
 
-def test_times_may_differ_from_world_to_world():
-    path = GripPath.stack([hermite([0.0, 1.0]), hermite([0.0, 0.5, 2.0])])
-    times = np.array([[0.1, 0.9], [0.7, 1.9]])
-    for world in range(2):
-        np.testing.assert_array_equal(
-            path.evaluate(times)[world], path[world].evaluate(times[world])[0]
-        )
-
-
 def test_a_stack_evaluates_as_its_members_did():
     members = [hermite([0.0, 1.0]), hermite([0.0, 0.2, 0.5, 2.0])]
     times = np.linspace(0.0, 2.5, 40)
@@ -119,12 +110,6 @@ def test_mirroring_changes_the_sign_of_x_and_yaw_only():
     path, times = hermite([0.0, 0.7, 1.5]), np.linspace(0.0, 1.5, 20)
     flip = np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
     np.testing.assert_array_equal(path.mirrored().evaluate(times), path.evaluate(times) * flip)
-
-
-def test_a_held_gripper_does_not_move():
-    path = GripPath.hold([0.1, 0.6, 0.02, 0.3, 0.0], duration=2.0)
-    poses = path.evaluate([0.0, 1.0, 2.0, 5.0])[0]
-    np.testing.assert_array_equal(poses, np.tile([0.1, 0.6, 0.02, 0.3, 0.0], (4, 1)))
 
 
 def test_a_fitted_path_passes_through_its_measurements():

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from cablecast.errors import InputError
-from cablecast.motion.action import mirror_actions
 from cablecast.motion.casting import cast_grip_paths
 from cablecast.motion.servo import ServoModel, joint_response
 from cablecast.setup import Setup
@@ -180,21 +179,6 @@ def test_a_path_does_not_depend_on_those_beside_it(commanded):
             alone.evaluate(times)[0], followed.evaluate(times)[row], atol=1e-6
         )
         assert alone.duration[0] == pytest.approx(followed.duration[row])
-
-
-def test_equal_lags_keep_the_shape_of_the_mirrored_motion():
-    # Joints that lag alike only delay the motion, so that both sides of the table stay alike.
-    alike = dataclasses.replace(
-        SERVO,
-        delay=np.full(6, 0.02),
-        frequency=np.full(6, 500.0),
-        damping=np.full(6, 1.0),
-    )
-    right = alike.apply(cast_grip_paths(ACTIONS, SETUP), SETUP.arm)
-    left = alike.apply(cast_grip_paths(mirror_actions(ACTIONS), SETUP), SETUP.arm)
-    times = np.linspace(0, 2, 100)
-    mirrored = right.mirrored().evaluate(times)
-    np.testing.assert_allclose(left.evaluate(times), mirrored, atol=2e-3)
 
 
 def test_values_in_a_file_give_back_the_model():

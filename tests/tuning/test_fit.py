@@ -10,7 +10,7 @@ from cablecast.engines.warp_ import EngineWarp
 from cablecast.errors import InputError
 from cablecast.runs.folder import Parts
 from cablecast.setup import Setup
-from cablecast.tuning.fit import TRACK_WEIGHT, FitConfig, TrackFit
+from cablecast.tuning.fit import FitConfig, TrackFit
 from cablecast.tuning.space import ParamPrior, SearchSpace
 from cablecast.tuning.tracks import TrackObjective
 from cablecast.tuning.tune import fit_params
@@ -87,32 +87,6 @@ def test_deviations_of_the_cables_file_are_the_prior(cable):
     assert values[1] == pytest.approx(1.01 * cable.params.bend_stiffness)
     assert prior.deviation[4] == pytest.approx(0.01 / 1.25)
     assert prior.deviation[0] > 5 * prior.deviation[1]
-
-
-def test_derivatives_are_those_of_the_cost(cable, few, engine):
-    space = SearchSpace.for_cable(cable)
-    fit = TrackFit(TrackObjective(engine, cable, few), space, ParamPrior.for_cable(cable, space))
-    point = fit.prior.mean.copy()
-    curve = fit.curvatures(point[None], 0.05)[0]
-    step = 0.02 * np.eye(10)[4]
-    sign = -1.0 if point[4] > 0.5 else 1.0
-    points = np.stack([point, point + sign * step])
-    here, there = (one.loss for one in fit.curvatures(points, 0.05))
-    factor = TRACK_WEIGHT * fit.track_count / 0.05
-    priors = fit.prior.cost(points)
-    slope = (factor * (there - here) + priors[1] - priors[0]) / (0.02 * sign)
-    # A forward difference of a curved function: the curvature explains most of what is left.
-    bend = 0.5 * curve.hessian[4, 4] * 0.02
-    assert abs(slope - curve.gradient[4]) < 2.0 * bend + 0.1 * abs(slope)
-
-
-def test_a_step_lowers_the_cost_of_every_point(cable, few, engine):
-    space = SearchSpace.for_cable(cable)
-    fit = TrackFit(TrackObjective(engine, cable, few), space, ParamPrior.for_cable(cable, space))
-    points = np.stack([fit.prior.mean, fit.prior.mean + 0.05 * np.eye(10)[4]])
-    losses = [one.loss for one in fit.curvatures(points, 0.05)]
-    costs = TRACK_WEIGHT * fit.track_count * np.array(losses) / 0.05 + fit.prior.cost(points)
-    assert np.all(fit.step(fit.start(points, 0.05)).costs < costs)
 
 
 def test_nothing_is_learned_from_a_simulation_that_broke(cable, few, engine, monkeypatch):

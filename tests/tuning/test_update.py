@@ -83,11 +83,6 @@ def test_a_step_that_helps_nothing_is_not_taken(posterior, engine, cable, good):
     np.testing.assert_allclose(after.to_array(), params.to_array(), rtol=1e-9)
 
 
-def test_an_update_is_repeatable(posterior, new):
-    first, again = (updated(new, posterior, posterior.params) for _ in range(2))
-    np.testing.assert_array_equal(first.to_array(), again.to_array())
-
-
 class _Counting:
     """An engine that counts the worlds that it simulates."""
 
