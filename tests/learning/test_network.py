@@ -267,11 +267,6 @@ def test_an_action_set_without_psi_can_be_learned(dataset):
     assert np.isfinite(model.metrics["held_out_median_pct"])
 
 
-def test_too_few_rows_are_refused():
-    with pytest.raises(InputError, match="15 of 20 rows have a known end on the table"):
-        train_forward_model(smooth_dataset(count=20), config=SMALL)
-
-
 def test_a_device_that_is_not_there_is_refused(dataset):
     import torch
 

@@ -50,15 +50,13 @@ def test_a_joint_path_begins_and_ends_at_rest():
     np.testing.assert_allclose(path.qd[[0, -1]], 0.0, atol=1e-12)
 
 
-def test_a_path_beyond_r_max_is_refused_with_its_radius():
-    grip = GripPath.hold([0.0, 0.95, 0.02, 0.0, 0.0], duration=1.0)
-    with pytest.raises(IKError, match=r"0\.9500 m from the base: r_max is 0\.94"):
-        joint_path(grip, SETUP)
-
-
-def test_a_path_too_close_to_the_base_is_refused():
-    grip = GripPath.hold([0.0, 0.1, 0.02, 0.0, 0.0], duration=1.0)
-    with pytest.raises(IKError, match="does not reach"):
+@pytest.mark.parametrize(
+    ("radius", "words"),
+    [(0.95, r"0\.9500 m from the base: r_max is 0\.94"), (0.1, "does not reach")],
+)
+def test_a_path_out_of_reach_is_refused(radius, words):
+    grip = GripPath.hold([0.0, radius, 0.02, 0.0, 0.0], duration=1.0)
+    with pytest.raises(IKError, match=words):
         joint_path(grip, SETUP)
 
 

@@ -63,6 +63,16 @@ def test_differential_evolution_falls_as_fast_as_scipys():
     assert 1 / SAME_METHOD_FACTOR < ratio < SAME_METHOD_FACTOR
 
 
+def test_members_of_the_population_never_get_worse():
+    search = SearchDE(START, 12, 0)
+    losses = np.full(12, np.inf)
+    for _ in range(20):
+        candidates = search.ask()
+        search.tell(candidates, bowl(candidates))
+        assert np.all(search.losses <= losses)
+        losses = search.losses
+
+
 def test_the_starting_point_is_among_the_first_candidates():
     np.testing.assert_array_equal(SearchDE(START, 12, 0).ask()[0], START)
 
