@@ -1,12 +1,12 @@
 """Processes that are killed while they write a dataset, and what they leave behind."""
 
+import multiprocessing
 import os
-import pathlib
 import signal
-import subprocess
-import sys
 
-ROOT = pathlib.Path(__file__).parents[2]
+# Each is a copy of a process that has imported and computed already what takes long.
+FORKING = multiprocessing.get_context("forkserver")
+FORKING.set_forkserver_preload(["pytest", "pandas", "pyarrow.parquet", "tests.data.warm"])
 
 
 def kill_at_rename(number):
@@ -22,11 +22,12 @@ def kill_at_rename(number):
     os.replace = replace
 
 
-def run_and_kill(script, moment, path, *options):
-    """Run a script of this folder, which kills itself at a moment."""
-    command = [sys.executable, "-m", f"tests.data.{script}", str(moment), path, *options]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True)
-    assert done.returncode == -signal.SIGKILL, done.stderr.decode()
+def run_and_kill(write, *arguments):
+    """Run a function that kills itself in a process of its own."""
+    process = FORKING.Process(target=write, args=arguments)
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
 
 
 def contents(path):

@@ -1,13 +1,8 @@
-"""An engine with a closed form: the cable is a rigid stick that runs ahead of the turning gripper.
-
-Run as a script it simulates a dataset and kills itself at a chosen moment.
-"""
+"""An engine with a closed form: a rigid stick that runs ahead of the turning gripper."""
 
 import dataclasses
 import os
-import pathlib
 import signal
-import sys
 
 import numpy as np
 from tests.data.killed import kill_at_rename
@@ -84,12 +79,12 @@ class DyingEngine(StickEngine):
         return super().rollout(*args, **kwargs)
 
 
-if __name__ == "__main__":
-    moment, folder = sys.argv[1], pathlib.Path(sys.argv[2])
+def simulate_and_die(moment, folder):
+    """Simulate a dataset, and die in the middle of a rollout or at the rename of a file."""
     if moment == "rollout":
         engine = DyingEngine()
         DyingEngine.__name__ = "StickEngine"  # The settings name the class; it computes the same.
     else:
         engine = StickEngine()
-        kill_at_rename(int(moment))
+        kill_at_rename(moment)
     simulate(folder, engine=engine)

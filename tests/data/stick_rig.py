@@ -1,12 +1,7 @@
-"""A rig with a closed form: a stick that points where the gripper does, seen with some noise.
-
-Run as a script it collects a dataset and kills itself at a chosen moment.
-"""
+"""A rig with a closed form: a stick that points where the gripper does, seen with some noise."""
 
 import os
-import pathlib
 import signal
-import sys
 
 import numpy as np
 from tests.data.killed import kill_at_rename
@@ -15,7 +10,6 @@ from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.conventions import tangent
 from cablecast.data import record
 from cablecast.data.record import collect_dataset
-from cablecast.errors import RigError
 from cablecast.motion.trajectory import JointPath
 from cablecast.rigs.base import RigLifecycle
 from cablecast.rigs.checked import RETRY_STRIDE
@@ -115,16 +109,12 @@ def collect(path, rig=None, **options):
     )
 
 
-if __name__ == "__main__":
-    moment, folder = sys.argv[1], pathlib.Path(sys.argv[2])
-    kind = ManyStickRig if "many" in sys.argv else StickRig
+def collect_and_die(moment, folder, kind=StickRig):
+    """Collect a dataset, and die in the middle of a trial or at the rename of a file."""
     record._CASTS_PER_CORE = 1
-    if moment.startswith("trial"):
-        rig = kind(troubles=[(int(moment[5:]), "kill")])
+    if isinstance(moment, str):
+        rig = kind(troubles=[(int(moment.removeprefix("trial")), "kill")])
     else:
         rig = kind()
-        kill_at_rename(int(moment))
-    try:
-        collect(folder, rig)
-    except RigError as error:
-        sys.exit(str(error))
+        kill_at_rename(moment)
+    collect(folder, rig)

@@ -38,28 +38,27 @@ def test_a_missing_dataset_is_named(tmp_path):
         read_dataset(tmp_path / "nowhere")
 
 
-@pytest.mark.parametrize("kept", [0, 3, 1000, -1])
-def test_a_truncated_shard_is_named(copied, kept):
+def test_a_damaged_or_missing_shard_or_one_in_its_place_is_named(copied):
     shard = copied / SHARD
-    shard.write_bytes(shard.read_bytes()[:kept])
-    with pytest.raises(DatasetError, match=r"file-002.parquet is truncated or damaged") as caught:
+    whole = shard.read_bytes()
+    for kept in (0, 3, 1000, -1):
+        shard.write_bytes(whole[:kept])
+        with pytest.raises(DatasetError, match=r"file-002.parquet is truncated or dam") as caught:
+            read_dataset(copied)
+        assert "\n" not in str(caught.value)
+    shutil.copy(copied / "data/chunk-000/file-001.parquet", shard)
+    with pytest.raises(DatasetError, match=r"file-002.parquet must hold the rows 120 to 179"):
         read_dataset(copied)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_missing_shard_is_named(copied):
-    (copied / SHARD).unlink()
+    shard.write_bytes(whole)
+    change_rows(shard, "duration", lambda values: [2.0 * value for value in values])
+    with pytest.raises(DatasetError, match=r"file-002.*its rows do not match their checksum"):
+        read_dataset(copied)
+    shard.unlink()
     with pytest.raises(DatasetError, match=r"file-002.parquet is missing"):
         read_dataset(copied)
 
 
-def test_a_shard_in_the_place_of_another_is_detected(copied):
-    shutil.copy(copied / "data/chunk-000/file-001.parquet", copied / SHARD)
-    with pytest.raises(DatasetError, match=r"file-002.parquet must hold the rows 120 to 179"):
-        read_dataset(copied)
-
-
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", "7", "[" * 100_000, '{"complete": "no"}'])
+@pytest.mark.parametrize("text", ["", "{", "7", "[" * 100_000, '{"complete": "no"}'])
 def test_a_damaged_description_is_refused(copied, text):
     (copied / "meta/info.json").write_text(text)
     with pytest.raises(DatasetError, match=r"info.json is damaged") as caught:
@@ -67,12 +66,11 @@ def test_a_damaged_description_is_refused(copied, text):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("version", [1, 99])
-def test_a_dataset_of_another_version_is_refused_by_its_version(copied, version):
+def test_a_dataset_of_another_version_is_refused_by_its_version(copied):
     info = json.loads((copied / "meta/info.json").read_text())
     del info["sha256"]
-    (copied / "meta/info.json").write_text(json.dumps(seal(info | {"schema_version": version})))
-    with pytest.raises(DatasetError, match=f"schema version {version}: .*make the dataset anew"):
+    (copied / "meta/info.json").write_text(json.dumps(seal(info | {"schema_version": 99})))
+    with pytest.raises(DatasetError, match=r"schema version 99: .*make the dataset anew"):
         read_dataset(copied)
 
 
@@ -100,23 +98,19 @@ def test_a_changed_description_is_refused(copied, change, sealed):
         read_dataset(copied)
 
 
-def test_rows_that_were_changed_after_the_end_are_detected(copied):
-    change_rows(copied / SHARD, "duration", lambda values: [2.0 * value for value in values])
-    with pytest.raises(DatasetError, match=r"file-002.*its rows do not match their checksum"):
-        read_dataset(copied)
-
-
 def test_a_shard_of_a_dataset_of_equal_settings_is_detected_and_can_be_made_again(tmp_path):
-    for name, rig in (("first", StickRig()), ("second", MovedCameraRig())):
-        collect(tmp_path / name, rig, count=2)
-    wanted = read_dataset(tmp_path / "first").rest_xy
+    first = collect(tmp_path / "first", StickRig(), count=2)
+    second = collect(tmp_path / "second", MovedCameraRig(), count=2)
+    # The fingerprint is that of the rows, not of the settings alone.
+    assert first.info["settings"] == second.info["settings"]
+    assert first.fingerprint != second.fingerprint
     shard = tmp_path / "first/data/chunk-000/file-001.parquet"
     shutil.copy(tmp_path / "second/data/chunk-000/file-001.parquet", shard)
     for look in (read_dataset, lambda path: collect(path, count=2)):
         with pytest.raises(DatasetError, match=r"file-001.parquet is not the one"):
             look(tmp_path / "first")
     shard.unlink()
-    np.testing.assert_array_equal(collect(tmp_path / "first", count=2).rest_xy, wanted)
+    np.testing.assert_array_equal(collect(tmp_path / "first", count=2).rest_xy, first.rest_xy)
 
 
 def test_a_shard_of_a_dataset_of_other_settings_is_detected(copied, tmp_path):
@@ -137,13 +131,6 @@ def change_rows(file, name, change):
     pq.write_table(table, file)
 
 
-def test_the_fingerprint_is_that_of_the_rows_not_of_the_settings_alone(unbroken, tmp_path):
-    first = collect(tmp_path / "first", StickRig(), count=2)
-    second = collect(tmp_path / "second", MovedCameraRig(), count=2)
-    assert first.info["settings"] == second.info["settings"]
-    assert first.fingerprint != second.fingerprint
-
-
 def test_parquet_readers_see_one_table_of_all_shards(unbroken):
     import pyarrow.dataset as pads
 
@@ -152,22 +139,17 @@ def test_parquet_readers_see_one_table_of_all_shards(unbroken):
     assert sorted(table["index"].to_pylist()) == list(range(COUNT))
 
 
-def test_the_card_begins_with_front_matter_that_points_to_the_shards(unbroken):
+def test_card_statistics_and_description_are_those_of_the_rows(unbroken):
     _, front, body = (unbroken / "README.md").read_text().split("---\n", 2)
     values = yaml.safe_load(front)
     assert values["configs"] == [{"config_name": "default", "data_files": "data/*/*.parquet"}]
     assert "| `theta1` | rad |" in body
-
-
-def test_the_statistics_are_those_of_the_rows(unbroken):
     stats = json.loads((unbroken / "meta/stats.json").read_text())
     dataset = read_dataset(unbroken)
     assert stats["theta2"]["min"] == [dataset.actions[:, 1].min()]
     assert stats["endpoint_x"]["mean"] == [np.mean(dataset.rest_xy[:, 0])]
     assert stats["index"]["count"] == [COUNT]
-
-
-def test_the_description_follows_the_layout_of_lerobot(unbroken):
+    # As LeRobot has it.
     info = json.loads((unbroken / "meta/info.json").read_text())
     first = info["data_path"].format(chunk_index=0, file_index=0)
     assert (unbroken / first).is_file()
@@ -212,10 +194,10 @@ def test_rows_that_a_dataset_lacks_are_refused(unbroken, chosen):
         read_dataset(unbroken).rows(chosen)
 
 
-# Each takes some 10 ms. A damage that went unnoticed in one file of thirty would be found.
-DAMAGES = 60
+# Each takes some 10 ms. A damage that went unnoticed in one file of fifteen would be found.
+DAMAGES = 30
 # Choosing the actions anew takes a quarter of a second.
-RESUMED_DAMAGES = 6
+RESUMED_DAMAGES = 4
 
 
 @pytest.fixture(scope="module", params=["simulated", "collected"])

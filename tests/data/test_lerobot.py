@@ -115,11 +115,8 @@ def test_the_library_of_data_sets_opens_what_export_and_collect_write(exported, 
     assert len(there) == len(frames)
     assert there[5]["action"] == pytest.approx(frames[5]["action"])
     assert collected["theta1"] == pytest.approx(casts.actions[:, 0])
-
-
-def test_tasks_are_the_index_of_a_table_that_pandas_reads(exported):
-    pandas = pytest.importorskip("pandas")
-    tasks = pandas.read_parquet(exported / TASKS_FILE)
+    # Tasks are the index of a table of pandas, which that library brings.
+    tasks = pytest.importorskip("pandas").read_parquet(exported / TASKS_FILE)
     assert "cable_1" in tasks.index[0]
     assert tasks["task_index"].tolist() == [0]
 

@@ -5,10 +5,19 @@ import shutil
 import numpy as np
 import pytest
 from tests.data.killed import contents, run_and_kill
-from tests.data.stick_engine import CABLE, COUNT, SETUP, SHARD_ROWS, StickEngine, simulate
+from tests.data.stick_engine import (
+    CABLE,
+    COUNT,
+    SETUP,
+    SHARD_ROWS,
+    StickEngine,
+    simulate,
+    simulate_and_die,
+)
 
 from cablecast.cable import load_cable
 from cablecast.cast import TrialStatus
+from cablecast.data import simulate as simulation
 from cablecast.data.dataset import read_dataset
 from cablecast.data.simulate import SAMPLE_DT
 from cablecast.engines.base import engine_settings
@@ -61,7 +70,9 @@ def test_a_world_that_becomes_non_finite_is_marked_and_keeps_no_landing(tmp_path
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_actions(unbroken, tmp_path):
-    simulate(tmp_path / "same")
+    calls = []
+    simulate(tmp_path / "same", progress=lambda state: calls.append((state.done, state.total)))
+    assert calls == [(min(k * SHARD_ROWS, COUNT), COUNT) for k in range(SHARD_COUNT + 1)]
     other = simulate(tmp_path / "other", seed=1)
     assert contents(tmp_path / "same") == contents(unbroken)
     assert not np.array_equal(other.actions, read_dataset(unbroken).actions)
@@ -76,7 +87,7 @@ def test_the_size_of_the_shards_does_not_change_the_rows(unbroken, tmp_path):
 
 @pytest.mark.parametrize("moment", ["rollout", 0, 2, FILE_COUNT - 3, FILE_COUNT - 1])
 def test_a_killed_and_resumed_dataset_equals_an_unbroken_one(unbroken, tmp_path, moment):
-    run_and_kill("stick_engine", moment, tmp_path / "d")
+    run_and_kill(simulate_and_die, moment, tmp_path / "d")
     with pytest.raises(DatasetError, match=r"unfinished|missing"):
         read_dataset(tmp_path / "d")
     engine = StickEngine()
@@ -87,21 +98,12 @@ def test_a_killed_and_resumed_dataset_equals_an_unbroken_one(unbroken, tmp_path,
     assert len(engine.batches) == SHARD_COUNT - done
 
 
-def test_a_finished_dataset_is_returned_without_simulating_anything(unbroken, tmp_path):
-    shutil.copytree(unbroken, tmp_path / "d")
-    engine = StickEngine()
-    dataset = simulate(tmp_path / "d", engine=engine)
-    assert engine.batches == []
-    assert len(dataset) == COUNT
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ({"engine": StickEngine(dt=5e-4)}, "engine.dt is 0.001 there and 0.0005 here"),
         ({"engine": StickEngine(device="cuda")}, "engine.device is 'cpu' there and 'cuda' here"),
         ({"setup": SETUP.with_motion(v_max=1.2)}, "motion.v_max is 1.5 there and 1.2 here"),
-        ({"seed": 7}, "seed is 0 there and 7 here"),
         ({"count": 100}, "count is 220 there and 100 here"),
         ({"setup": Setup(cable="cable_2")}, "cable.name is 'cable_1' there and 'cable_2' here"),
         ({"params": load_cable("cable_3").params}, "params.mass is 0.05 there and 0.09 here"),
@@ -119,31 +121,18 @@ def test_other_settings_are_refused_by_name_with_both_values(unbroken, tmp_path,
     assert contents(path) == before
 
 
-def test_an_unfinished_dataset_of_other_settings_is_refused_too(tmp_path):
-    run_and_kill("stick_engine", "rollout", tmp_path / "d")
-    before = contents(tmp_path / "d")
-    with pytest.raises(DatasetError, match="seed is 0 there and 3 here"):
-        simulate(tmp_path / "d", seed=3)
-    assert contents(tmp_path / "d") == before
-
-
 def test_the_number_of_threads_does_not_count_as_a_setting():
-    assert engine_settings(StickEngine(thread_count=1)) == engine_settings(
-        StickEngine(thread_count=2)
-    )
+    one, two = (engine_settings(StickEngine(thread_count=count)) for count in (1, 2))
+    assert one == two
 
 
-def test_a_folder_with_other_files_is_left_alone(tmp_path):
+def test_what_is_no_dataset_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("dear")
     with pytest.raises(DatasetError, match=r"holds thesis.tex but no dataset"):
         simulate(tmp_path)
-    assert contents(tmp_path) == {"thesis.tex": b"dear"}
-
-
-def test_a_file_in_the_place_of_the_folder_is_left_alone(tmp_path):
-    (tmp_path / "d").write_text("dear")
     with pytest.raises(DatasetError, match="is a file"):
-        simulate(tmp_path / "d")
+        simulate(tmp_path / "thesis.tex")
+    assert contents(tmp_path) == {"thesis.tex": b"dear"}
 
 
 def test_a_second_writer_is_turned_away_while_the_first_is_at_work(tmp_path):
@@ -158,15 +147,22 @@ def test_a_second_writer_is_turned_away_while_the_first_is_at_work(tmp_path):
     assert len(refusals) == SHARD_COUNT + 1
 
 
-def test_a_card_gets_more_worlds_at_a_time_than_a_processor(tmp_path):
-    for device, batches in (("cpu", [3000, 200]), ("cuda", [3200])):
+def test_a_card_gets_more_worlds_at_a_time_than_a_processor(tmp_path, monkeypatch):
+    assert simulation.SHARD_ROWS < simulation.CUDA_SHARD_ROWS
+    monkeypatch.setattr(simulation, "SHARD_ROWS", 30)
+    monkeypatch.setattr(simulation, "CUDA_SHARD_ROWS", 360)
+    for device, batches in (("cpu", [30, 2]), ("cuda", [32])):
         engine = StickEngine(device=device)
-        simulate(tmp_path / device, engine=engine, count=3200, shard_rows=None)
+        simulate(tmp_path / device, engine=engine, count=32, shard_rows=None)
         assert engine.batches == batches
 
 
-def test_a_damaged_shard_stops_a_resumed_run_and_is_named(tmp_path):
-    run_and_kill("stick_engine", "rollout", tmp_path / "d")
+def test_an_unfinished_dataset_of_other_settings_or_with_a_damaged_shard_is_not_resumed(tmp_path):
+    run_and_kill(simulate_and_die, "rollout", tmp_path / "d")
+    before = contents(tmp_path / "d")
+    with pytest.raises(DatasetError, match="seed is 0 there and 3 here"):
+        simulate(tmp_path / "d", seed=3)
+    assert contents(tmp_path / "d") == before
     shard = tmp_path / "d/data/chunk-000/file-001.parquet"
     shard.write_bytes(shard.read_bytes()[:-20])
     with pytest.raises(DatasetError, match=r"file-001.parquet is truncated"):
@@ -176,13 +172,16 @@ def test_a_damaged_shard_stops_a_resumed_run_and_is_named(tmp_path):
 @pytest.mark.parametrize("damage", ["deleted", "truncated"])
 def test_a_finished_dataset_heals_a_shard(unbroken, tmp_path, damage):
     shutil.copytree(unbroken, tmp_path / "d")
+    engine = StickEngine()
+    # Nothing is simulated where nothing is missing.
+    assert len(simulate(tmp_path / "d", engine=engine)) == COUNT
+    assert engine.batches == []
     shard = tmp_path / "d/data/chunk-000/file-001.parquet"
     if damage == "truncated":
         shard.write_bytes(shard.read_bytes()[:-20])
         with pytest.raises(DatasetError, match="delete it and run the command"):
             simulate(tmp_path / "d")
     shard.unlink()
-    engine = StickEngine()
     simulate(tmp_path / "d", engine=engine)
     assert contents(tmp_path / "d") == contents(unbroken)
     assert len(engine.batches) == 1
@@ -199,12 +198,6 @@ def test_a_dataset_that_is_being_mended_is_not_taken_for_a_whole_one(unbroken, t
         simulate(tmp_path / "d", progress=stop)
     with pytest.raises(DatasetError, match="unfinished: 3 of 4 shards"):
         read_dataset(tmp_path / "d")
-
-
-def test_progress_counts_every_row_once(tmp_path):
-    calls = []
-    simulate(tmp_path / "d", progress=lambda state: calls.append((state.done, state.total)))
-    assert calls == [(min(k * SHARD_ROWS, COUNT), COUNT) for k in range(SHARD_COUNT + 1)]
 
 
 def test_a_count_below_one_is_refused(tmp_path):
@@ -240,16 +233,12 @@ def test_a_dataset_of_the_fast_engine_is_resumed_with_the_same_rows(tmp_path):
         if progress.done == 20:
             raise KeyboardInterrupt
 
-    unbroken = simulate(tmp_path / "unbroken", engine=engine(), count=30, shard_rows=10)
+    size = {"count": 30, "shard_rows": 10}
+    unbroken = simulate(tmp_path / "unbroken", engine=engine(), **size)
+    stop = interrupt_after_the_second_shard
     with pytest.raises(KeyboardInterrupt):
-        simulate(
-            tmp_path / "broken",
-            engine=engine(),
-            count=30,
-            shard_rows=10,
-            progress=interrupt_after_the_second_shard,
-        )
-    simulate(tmp_path / "broken", engine=engine(), count=30, shard_rows=10)
+        simulate(tmp_path / "broken", engine=engine(), progress=stop, **size)
+    simulate(tmp_path / "broken", engine=engine(), **size)
     assert contents(tmp_path / "broken") == contents(tmp_path / "unbroken")
     assert unbroken.info["settings"]["engine"]["segment_count"] == 8
     assert unbroken.finite.all()

@@ -30,13 +30,9 @@ def test_casts_come_out_as_they_went_in(casts, tmp_path):
         joints, known = again.measured_joints(row), casts.measured_joints(row)
         np.testing.assert_array_equal(joints.q, known.q)
     assert again.fingerprint == store.dataset().fingerprint
-
-
-def test_a_cast_is_kept_once(casts, tmp_path):
-    store = CastStore(SETUP, tmp_path)
-    store.add_dataset(casts)
+    # A cast is kept once.
     assert store.add_dataset(casts) == 0
-    assert CastStore(SETUP, tmp_path).add_dataset(casts) == 0
+    assert CastStore(SETUP, tmp_path / "store").add_dataset(casts) == 0
     assert len(store) == COUNT
 
 
@@ -60,7 +56,7 @@ def test_two_that_add_to_one_folder_never_overwrite_each_other(casts, tmp_path):
     assert len(CastStore(SETUP, tmp_path)) == COUNT
 
 
-def test_a_damaged_cast_is_said_by_name(casts, tmp_path):
+def test_a_damaged_or_missing_cast_is_said_by_name(casts, tmp_path):
     CastStore(SETUP, tmp_path).add_dataset(casts)
     file = tmp_path / "casts" / "00002.parquet"
     whole = file.read_bytes()
@@ -73,18 +69,13 @@ def test_a_damaged_cast_is_said_by_name(casts, tmp_path):
     with pytest.raises(DamagedFileError, match="must hold the rows 2 to 2"):
         CastStore(SETUP, tmp_path)
 
-
-def test_a_cast_that_cannot_be_read_is_not_called_damaged(casts, tmp_path):
-    CastStore(SETUP, tmp_path).add_dataset(casts)
-    file = tmp_path / "casts" / "00002.parquet"
+    # One that cannot be read is not called damaged, and those behind a missing one are known.
     file.unlink()
     file.mkdir()
     with pytest.raises(UnreadableFileError, match=r"00002\.parquet cannot be read"):
         CastStore(SETUP, tmp_path)
-
-
-def test_casts_behind_a_missing_one_are_not_overlooked(casts, tmp_path):
-    CastStore(SETUP, tmp_path).add_dataset(casts)
+    file.rmdir()
+    file.write_bytes(whole)
     (tmp_path / "casts" / "00001.parquet").unlink()
     with pytest.raises(DamagedFileError, match=r"00001\.parquet is missing, but 00002\.parquet"):
         CastStore(SETUP, tmp_path)
