@@ -57,8 +57,7 @@ def written(folder, text):
     return path
 
 
-@pytest.mark.parametrize("model", ["ur5", "ur10e"])
-@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(("model", "turned"), [("ur5", False), ("ur10e", True)])
 def test_each_piece_is_where_its_frame_is(tmp_path, model, turned):
     arm = ArmUR(model=model)
     quat = Rotation.from_rotvec([0.4, -1.1, 2.0]).as_quat(scalar_first=True)
@@ -89,17 +88,25 @@ def test_a_piece_has_the_file_s_vertices_and_colour(tmp_path):
     assert piece.color == (255, 128, 0)
 
 
+UR5 = ArmUR(model="ur5")
+
+
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("text", "said"),
     [
-        (lambda text: "no xml", "arm.xml"),
-        (lambda text: text.replace("elbow_joint", "third"), "0 joints named 'elbow_joint'"),
+        (None, "is not a file"),
+        ("no xml", "arm.xml"),
+        (description(UR5).replace("elbow_joint", "third"), "0 joints named 'elbow_joint'"),
+        (description(UR5, mesh=""), "has no meshes"),
+        (description(ArmUR(model="ur5e")), r"no ur5: its wrists are up to \d+ mm"),
     ],
+    ids=["missing", "no xml", "no elbow", "no meshes", "another arm"],
 )
-def test_a_file_that_is_no_arm_is_refused(tmp_path, change, said):
-    path = written(tmp_path, change(description(ArmUR())))
+def test_a_file_that_is_not_this_arm_is_refused(tmp_path, text, said):
+    if text is not None:
+        written(tmp_path, text)
     with pytest.raises(InputError, match=said):
-        ArmMeshes(path, ArmUR())
+        ArmMeshes(tmp_path / "arm.xml", UR5)
 
 
 def test_the_meshes_of_a_lab_file_s_own_arm_are_found_in_its_package():
@@ -118,22 +125,6 @@ def test_a_lab_file_whose_arm_has_no_meshes_is_drawn_with_shapes(tmp_path):
     written(tmp_path, description(ArmUR()))
     assert _own_meshes(lab, Setup()) is not None
     assert _own_meshes(None, Setup()) is None
-
-
-def test_an_arm_without_meshes_is_refused(tmp_path):
-    with pytest.raises(InputError, match="has no meshes"):
-        ArmMeshes(written(tmp_path, description(ArmUR(), mesh="")), ArmUR())
-
-
-def test_another_arm_is_refused(tmp_path):
-    path = written(tmp_path, description(ArmUR(model="ur5e")))
-    with pytest.raises(InputError, match=r"no ur5: its wrists are up to \d+ mm"):
-        ArmMeshes(path, ArmUR(model="ur5"))
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match="is not a file"):
-        ArmMeshes(tmp_path / "none.xml", ArmUR())
 
 
 def test_a_figure_moves_the_meshes_and_keeps_the_gripper(tmp_path, drawn):

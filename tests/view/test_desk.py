@@ -34,11 +34,7 @@ def test_a_plan_says_what_to_expect(desk):
 
 @pytest.mark.parametrize(
     ("target", "words"),
-    [
-        ((5.0, 0.0), "out of reach"),
-        ((0.3,), "shape"),
-        ("here", "must be numbers"),
-    ],
+    [((5.0, 0.0), "out of reach"), ((0.3,), "shape"), ("here", "must be numbers")],
 )
 def test_a_target_that_cannot_be_aimed_at_is_refused_and_leaves_no_plan(desk, target, words):
     desk.aim(TARGET)
@@ -58,19 +54,16 @@ def test_a_cast_is_kept_with_its_landing_and_its_miss(desk, own):
     assert np.allclose(ShownCast.of_cast(one).path[-1], one.final_xy)
 
 
-def test_nothing_is_cast_before_it_is_planned(desk, own):
-    with pytest.raises(InputError, match="choose a target"):
-        desk.cast(desk.preview)
-    assert own.cast_count == 0
-
-
-def test_without_a_session_nothing_can_be_planned(rig, engine, policy):
+def test_nothing_is_planned_without_a_session_or_cast_without_a_plan(rig, own, engine, policy):
     desk = Desk(rig, engine)
     assert desk.phase is Phase.NO_MODEL
     with pytest.raises(InputError, match="no model"):
         desk.aim(TARGET)
     desk.set_session(AimSession(policy))
     assert desk.phase is Phase.READY
+    with pytest.raises(InputError, match="choose a target"):
+        desk.cast(desk.preview)
+    assert own.cast_count == 0
 
 
 def test_a_rehearsal_prepares_the_first_plan_and_leaves_no_trace(rig, engine, policy):
@@ -94,9 +87,9 @@ def test_a_session_of_another_set_up_is_refused(own, engine, policy):
         desk.set_session(AimSession(policy))
 
 
-@pytest.mark.parametrize("side", [1, -1])
-def test_corrections_land_nearer(desk, side):
-    desk.aim(TARGET * [side, 1])
+def test_corrections_land_nearer(desk):
+    # To the left of the robot, where all that is learned is mirrored.
+    desk.aim(TARGET * [-1, 1])
     first = desk.cast(desk.preview).miss_pct
     for _ in range(3):
         desk.correct()
@@ -197,13 +190,6 @@ def test_all_tries_at_a_target_end_it(desk, own):
     desk.look_ahead()
     assert desk.phase is Phase.DONE
     assert desk.stop == "its only try is used"
-
-
-def test_a_cast_after_a_landing_is_a_corrected_one(desk):
-    first = desk.aim(TARGET)
-    desk.cast(first)
-    assert desk.cast(desk.correct()).try_number == 2
-    assert not np.array_equal(desk.tries[1].sweep, first.proposal.action.to_array())
 
 
 def test_an_undone_try_teaches_nothing(desk, own):

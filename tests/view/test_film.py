@@ -79,7 +79,7 @@ def test_frames_are_evenly_spaced_in_slow_motion_and_show_the_rest(shot):
     assert times[-1] > shot.cast.duration
 
 
-@pytest.mark.parametrize("rate", [4, 30])
+@pytest.mark.parametrize("rate", [4, 15])
 def test_a_gif_holds_every_frame_and_its_duration(rate, shot, tmp_path):
     from PIL import Image
 
@@ -114,21 +114,15 @@ def test_a_page_of_its_own_asks_for_nothing_from_elsewhere(shot, tmp_path):
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=\"?(https?:)?//", text)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
+def test_a_film_of_a_bad_size_of_an_unknown_kind_or_of_nothing_is_refused(shot, tmp_path):
+    for changes, words in (
         ({"width": 127}, "must be even"),
         ({"height": 9}, "height = 9 is outside"),
         ({"frames_per_second": 0}, "frames_per_second = 0"),
         ({"speed": 0.0}, "speed = 0"),
-    ],
-)
-def test_sizes_out_of_bounds_are_refused(changes, words):
-    with pytest.raises(InputError, match=words):
-        FilmConfig(**changes)
-
-
-def test_a_film_of_an_unknown_kind_or_of_nothing_is_refused(shot, tmp_path):
+    ):
+        with pytest.raises(InputError, match=words):
+            FilmConfig(**changes)
     with pytest.raises(InputError, match=r"one of \.html, \.mp4, \.gif"):
         write_film(tmp_path / "a.avi", SETUP, [shot], SMALL)
     with pytest.raises(InputError, match="casts to film = 0"):

@@ -23,6 +23,11 @@ def test_casts_of_a_rig_are_shown_as_measured_and_as_simulated(rig, engine, tmp_
     casts = collect(rig, count=2, out=tmp_path / "casts")
     found = open_collection(tmp_path / "casts")
     assert len(found) == 2
+    for index in (-1, 2):
+        with pytest.raises(InputError, match=f"cast = {index} is outside"):
+            found.shot(index, engine)
+    with pytest.raises(DatasetError, match="holds no casts"):
+        open_collection(tmp_path / "casts" / "data")
     measured = found.measured(1)
     assert np.allclose(measured.path[-1], casts.rest_xy[1], atol=1e-6)
     simulated = found.simulated(1, engine, found.believed)
@@ -32,18 +37,18 @@ def test_casts_of_a_rig_are_shown_as_measured_and_as_simulated(rig, engine, tmp_
     assert shot.caption == "cast 1"
 
 
-def test_an_evaluation_knows_its_targets(own, policy, engine, tmp_path):
-    evaluate_policy(tmp_path / CASTS_FOLDER, policy, own, TARGETS, repeats=2)
-    found = open_collection(tmp_path)
+def test_an_evaluation_knows_its_targets_and_which_casts_have_no_landing(
+    own, policy, engine, tmp_path
+):
+    evaluate_policy(tmp_path / "a" / CASTS_FOLDER, policy, own, TARGETS, repeats=2)
+    found = open_collection(tmp_path / "a")
     assert found.target_xy.tolist() == TARGETS.repeat(2, axis=0).tolist()
     assert found.measured(0).nodes is not None
     assert found.shot(0, engine).result.endswith("% of the cable's length off")
-
-
-def test_a_cast_that_was_seen_to_the_tables_edge_has_no_landing(own, policy, engine, tmp_path):
+    # One that was seen to the table's edge.
     own.status = TrialStatus.OFF_TABLE
-    evaluate_policy(tmp_path / CASTS_FOLDER, policy, own, TARGETS)
-    shot = open_collection(tmp_path).shot(0, engine)
+    evaluate_policy(tmp_path / "b" / CASTS_FOLDER, policy, own, TARGETS)
+    shot = open_collection(tmp_path / "b").shot(0, engine)
     assert np.isfinite(shot.cast.path[-1]).all()
     assert not shot.landed
     assert shot.result.endswith(": off table")
@@ -98,18 +103,6 @@ def test_the_newest_fit_of_a_session_is_shown_and_none_of_another_cable(
         assert open_collection(session).tuned.params.mass == mass
     write_params(tmp_path / "tune" / PARAMS_FILE, {"cable": "cable_2", "params": params.to_dict()})
     assert open_collection(session).tuned.params.mass == mass
-
-
-@pytest.mark.parametrize("index", [-1, 2])
-def test_a_cast_that_is_not_there_is_refused(rig, engine, tmp_path, index):
-    collect(rig, count=2, out=tmp_path / "casts")
-    with pytest.raises(InputError, match=f"cast = {index} is outside"):
-        open_collection(tmp_path / "casts").shot(index, engine)
-
-
-def test_a_folder_without_casts_is_refused(tmp_path):
-    with pytest.raises(DatasetError, match="holds no casts"):
-        open_collection(tmp_path)
 
 
 def test_sliders_multiply_parameters_and_stay_within_their_bounds():

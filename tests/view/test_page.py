@@ -124,13 +124,10 @@ def test_a_target_that_is_planned_as_the_new_fit_comes_stays_planned(page, learn
     assert "/marks/expected" in drawn(page.server)
 
 
-def test_a_bad_target_is_said_and_changes_nothing(page):
+def test_a_bad_target_and_a_rig_that_fails_leave_a_sentence_and_the_page(page, own):
     page.aim((9.0, 9.0))
     assert "out of reach" in page.desk.message
     assert page.desk.phase is Phase.READY
-
-
-def test_a_rig_that_fails_leaves_its_sentence_and_the_page(page, own):
     own.failures = 3
     cast_at_target(page)
     assert "protective stop" in page.worker.state.message

@@ -29,7 +29,7 @@ pytest.importorskip("viser")
 
 SETUP = Setup(strike=StrikeConfig(watch_time=1.6))
 TARGET, FAR = (1.2, 0.9), (3.0, 0.9)
-FEW = {"move_count": 128, "cable_count": 2}
+FEW = {"move_count": 64, "cable_count": 2}
 # Rounding of coordinates of some metres in double precision [m].
 ROUNDING = 1e-9
 
@@ -57,7 +57,7 @@ def coarse_fit(*args, **options):
 
 @pytest.fixture
 def page(rig, engine, prepared, tmp_path, monkeypatch):
-    for name, count in (("MOVE_COUNT", 128), ("CABLE_COUNT", 2)):
+    for name, count in (("MOVE_COUNT", 64), ("CABLE_COUNT", 2)):
         monkeypatch.setattr(f"cablecast.pipeline.strike.{name}", count)
     monkeypatch.setattr("cablecast.aiming.strike.fit_tips", coarse_fit)
     (tmp_path / "prior.npz").write_bytes((prepared / "prior.npz").read_bytes())

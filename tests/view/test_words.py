@@ -7,13 +7,7 @@ from cablecast.runs.progress import Progress
 from cablecast.setup import Setup, StrikeConfig
 from cablecast.view.desk import Desk
 from cablecast.view.tasks import PageLanding, PageTask
-from cablecast.view.words import (
-    colors_text,
-    plan_text,
-    status_text,
-    tour_text,
-    tries_text,
-)
+from cablecast.view.words import plan_text, status_text, tour_text, tries_text
 from cablecast.view.worker import Worker, WorkState
 from cablecast.workspace import Workspace
 
@@ -55,10 +49,6 @@ def test_a_hit_is_marked_and_all_tries_at_the_target_are_in_the_table(desk, own)
     desk.cast(desk.aim(TARGET * [-1, 1]))
     # Of tries at other targets there are the last few.
     assert tries_text(desk).count("1.19 m, 15°") == 4
-
-
-def test_the_legend_of_colours_names_a_hit_and_a_miss():
-    assert all(f"■</span> {words}</span>" in colors_text() for words in ("hit", "miss"))
 
 
 def test_work_under_way_says_how_far_it_is(desk):

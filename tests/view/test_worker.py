@@ -34,7 +34,6 @@ def test_work_is_done_in_the_thread_of_the_worker_and_reports(wait_until):
 
     def work(report):
         report(Progress(task="sweeping", done=1, total=2))
-        time.sleep(0.01)
         report(Progress(task="sweeping", done=2, total=2))
         seen.append((threading.current_thread(), worker.state))
 
@@ -66,7 +65,7 @@ def test_a_second_work_is_refused_while_one_is_under_way(wait_until):
 
 
 def test_a_stop_interrupts_the_work_and_more_of_them_leave_its_cleanup_alone(wait_until):
-    worker, events = Worker(), []
+    worker, events, stopped = Worker(), [], threading.Event()
 
     def work(report):
         try:
@@ -74,7 +73,7 @@ def test_a_stop_interrupts_the_work_and_more_of_them_leave_its_cleanup_alone(wai
             time.sleep(30.0)
         finally:
             report(Progress(task="stopping the arm"))
-            time.sleep(0.5)
+            assert stopped.wait(30.0)
             events.append("arm stopped")
 
     def scenario():
@@ -84,7 +83,7 @@ def test_a_stop_interrupts_the_work_and_more_of_them_leave_its_cleanup_alone(wai
         wait_until(lambda: worker.state.progress)
         for _ in range(3):
             worker.stop()
-            time.sleep(0.05)
+        stopped.set()
         wait_until(lambda: not worker.busy)
         assert worker.state.message == "stopped: a cast"
         worker.submit("another cast", lambda report: events.append("cast"))
