@@ -227,13 +227,18 @@ def test_other_settings_are_refused_by_name(unbroken, options, words):
     assert contents(unbroken) == before
 
 
-@pytest.mark.parametrize("value", [float("nan"), object()], ids=["NaN", "object"])
-def test_a_description_that_cannot_be_stored_is_refused_before_any_trial(tmp_path, value):
+def test_descriptions_that_cannot_be_stored_and_counts_below_one_are_refused_before_any_trial(
+    tmp_path,
+):
     rig = StickRig()
-    rig.description["camera"] = value
-    with pytest.raises(RigError, match=r"description\['camera'\]"):
-        collect(tmp_path / "d", rig)
+    for value in (float("nan"), object()):
+        rig.description["camera"] = value
+        with pytest.raises(RigError, match=r"description\['camera'\]"):
+            collect(tmp_path / "d", rig)
     assert rig.executed == []
+    for options in ({"count": 0}, {"repeats": 0}, {"attempts": 0}):
+        with pytest.raises(InputError, match=r"= 0 "):
+            collect(tmp_path / "d", **options)
     assert not (tmp_path / "d").exists()
 
 
@@ -265,25 +270,14 @@ def test_sampled_actions_are_feasible_and_fill_their_ranges(sampling):
     assert not np.array_equal(np.sort(actions, axis=0), np.sort(other, axis=0))
 
 
-def test_more_uniform_actions_begin_with_the_same_ones():
-    few = sample_actions("uniform", 20, SETUP)
-    many = sample_actions("uniform", 400, SETUP)
+def test_uniform_actions_begin_alike_and_those_of_a_grid_have_no_order_that_drift_could_follow():
+    few, many = (sample_actions("uniform", count, SETUP) for count in (20, 400))
     np.testing.assert_array_equal(many[:20], few)
-
-
-def test_grid_actions_are_made_in_no_order_that_drift_could_follow():
     actions = sample_actions("grid", 200, SETUP)
     # 200 shuffled values have a correlation with their place below 0.25 with 99.9 %.
     for column in range(4):
         place = np.arange(len(actions))
         assert abs(np.corrcoef(place, actions[:, column])[0, 1]) < 0.25
-
-
-@pytest.mark.parametrize("options", [{"count": 0}, {"repeats": 0}, {"attempts": 0}])
-def test_counts_below_one_are_refused(tmp_path, options):
-    with pytest.raises(InputError, match=r"= 0 "):
-        collect(tmp_path / "d", **options)
-    assert not (tmp_path / "d").exists()
 
 
 def test_the_card_explains_every_column(unbroken):

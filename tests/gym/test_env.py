@@ -50,15 +50,18 @@ def test_the_checker_of_gymnasium_finds_nothing(options):
         check_env(gymnasium.make(ID, render_mode="rgb_array", **options).unwrapped)
 
 
-def test_the_reward_is_minus_the_miss_of_the_cast_that_the_engine_makes():
+@pytest.mark.parametrize("any_rig", [False, True])
+def test_the_reward_is_minus_the_miss_of_the_cast_that_the_engine_makes(any_rig):
     setup, target = Setup(), load_targets()[20]
-    env = CastEnv(setup, action_form="raw")
+    rig = RigEngine(EngineWarp(), setup) if any_rig else "engine"
+    env = CastEnv(setup, rig=rig, action_form="raw")
     env.reset(seed=0, options={"target_xy": target})
     _, reward, terminated, truncated, info = env.step(RAW_ACTION)
     rollout = EngineWarp().rollout(setup.cable, cast_grip_paths(RAW_ACTION[None], setup))
     miss = np.linalg.norm(rollout.endpoint_xy[0, -1] - target) / setup.cable.length
     assert reward == pytest.approx(-100 * miss, abs=BATCH_TOLERANCE_PCT)
     assert (terminated, truncated, info["status"]) == (True, False, "ok")
+    env.close()
 
 
 def test_a_vector_step_makes_the_casts_of_single_environments():
@@ -80,13 +83,8 @@ def test_a_vector_step_makes_the_casts_of_single_environments():
 
 def test_the_vector_form_works_inside_the_wrappers_of_gymnasium():
     env = gymnasium.make_vec(ID, num_envs=16)
-    for wrap in (
-        vector.RecordEpisodeStatistics,
-        vector.NormalizeObservation,
-        vector.NormalizeReward,
-    ):
-        env = wrap(env)
-    env = vector.DictInfoToList(env)
+    env = vector.NormalizeObservation(vector.RecordEpisodeStatistics(env))
+    env = vector.DictInfoToList(vector.NormalizeReward(env))
     observations, infos = env.reset(seed=2)
     for _ in range(4):
         observations, rewards, ended, _, infos = env.step(np.zeros((16, 4)))
@@ -211,18 +209,6 @@ def test_a_motion_that_the_arm_cannot_make_earns_the_reward_of_a_failure():
     assert (reward, info["status"]) == (-123.0, "infeasible")
 
 
-def test_any_rig_answers_the_environment():
-    setup = Setup()
-    rig = RigEngine(EngineWarp(), setup)
-    env, engine = CastEnv(setup, rig=rig, action_form="raw"), CastEnv(setup, action_form="raw")
-    rewards = []
-    for each in (env, engine):
-        each.reset(options={"target_xy": (0.3, 1.0)})
-        rewards.append(each.step(RAW_ACTION)[1])
-    assert rewards[0] == pytest.approx(rewards[1], abs=BATCH_TOLERANCE_PCT)
-    env.close()
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -241,29 +227,23 @@ def test_a_bad_option_is_refused_in_one_line(options, words):
         CastEnv(**options)
 
 
-def test_observations_of_a_long_cable_stay_in_their_space():
+def test_a_long_cable_stays_in_the_space_and_a_table_without_usual_targets_is_refused():
     cable = dataclasses.replace(Setup().cable, length=2.5)
     env = CastEnv(Setup(cable=cable, workspace=Workspace(table_depth=4.0)))
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
     assert np.abs(observation).max() <= 1.0
-
-
-def test_a_table_without_targets_of_the_usual_sector_is_refused():
     table = Workspace(table_width=0.3, table_depth=0.41, reset_y=0.2)
     env = CastEnv(Setup(cable=dataclasses.replace(Setup().cable, length=0.2), workspace=table))
     with pytest.raises(InputError, match="targets="):
         env.reset(seed=0)
 
 
-def test_a_diverged_action_is_refused():
+def test_a_diverged_action_is_refused_and_a_copy_says_what_to_pickle_instead():
     env = CastEnv()
     env.reset(seed=0)
     with pytest.raises(InputError, match="not finite"):
         env.step(np.array([np.nan, 0, 0, 0]))
-
-
-@pytest.mark.parametrize("copy", [pickle.dumps, copy.deepcopy])
-def test_an_environment_that_is_pickled_says_what_to_pickle_instead(copy):
-    with pytest.raises(InputError, match="pickle a function that makes it"):
-        copy(CastEnv())
+    for duplicate in (pickle.dumps, copy.deepcopy):
+        with pytest.raises(InputError, match="pickle a function that makes it"):
+            duplicate(env)
