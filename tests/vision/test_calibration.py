@@ -76,20 +76,14 @@ def test_a_tag_that_was_moved_is_found_out(empty, virtual_camera, calibration):
     assert np.sqrt(np.mean(table_error(found, virtual_camera, 0.0) ** 2)) < TABLE_RMS
 
 
-def test_tags_of_another_table_are_refused(empty):
-    layout = TagLayout(tags=tuple(Tag(id=100 + i, x=0.2 * i, y=0.5) for i in range(6)))
-    with pytest.raises(InputError, match="0 of the layout's 6 tags"):
-        calibrate_view([empty], layout)
-
-
-def test_a_picture_without_a_table_is_refused():
-    with pytest.raises(InputError, match="at least 4"):
+def test_a_picture_without_the_tags_of_the_table_is_refused():
+    with pytest.raises(InputError, match=r"0 of the layout's 11 tags .* at least 4"):
         calibrate_view([np.zeros((480, 640, 3), np.uint8)], default_layout())
 
 
-def test_pictures_without_a_board_are_refused(empty):
+def test_pictures_without_a_board_are_refused():
     with pytest.raises(InputError, match="0 of 6 pictures"):
-        calibrate_lens([empty] * 6, Board())
+        calibrate_lens([np.zeros((480, 640, 3), np.uint8)] * 6, Board())
 
 
 def test_a_calibration_survives_its_file(calibration, tmp_path):
@@ -97,7 +91,7 @@ def test_a_calibration_survives_its_file(calibration, tmp_path):
     assert Calibration.load(tmp_path / "calibration.json") == calibration
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"view": 3}'])
+@pytest.mark.parametrize("text", ["", "[1]", '{"view": 3}'])
 def test_a_file_that_is_no_calibration_is_refused(text, tmp_path):
     file = tmp_path / "calibration.json"
     file.write_text(text)
@@ -134,18 +128,15 @@ def test_a_layout_survives_its_file(tmp_path):
         ("tags: [{id: 1, x: far, y: 0}]", "far"),
         ("tags: [{id: 1, x: 0, y: 0}, {id: 1, x: 0, y: 1}]", "at least 4"),
         ("tags: [", "not plain YAML"),
+        (None, "no file"),
     ],
 )
-def test_a_layout_that_says_nonsense_is_refused(text, fragment, tmp_path):
+def test_a_layout_that_says_nonsense_or_is_missing_is_refused(text, fragment, tmp_path):
     file = tmp_path / "tags.yaml"
-    file.write_text(text)
+    if text is not None:
+        file.write_text(text)
     with pytest.raises(InputError, match=re.escape(fragment)):
         TagLayout.load(file)
-
-
-def test_a_missing_layout_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"no file .*tags\.yaml"):
-        TagLayout.load(tmp_path / "tags.yaml")
 
 
 def test_the_layout_of_the_paper_s_table_has_eleven_tags_along_its_edges():

@@ -82,7 +82,7 @@ def test_what_a_driver_does_not_know_is_unknown(monkeypatch):
     }
     monkeypatch.setattr(cv2, "VideoCapture", lambda n, b: FakeDevice(n, b, silent))
     _, facts = open_capture(SETTINGS)
-    assert (facts.exposure, facts.auto_exposure, facts.autofocus) == (None, None, None)
+    assert facts.exposure is facts.auto_exposure is facts.autofocus is None
     assert facts.fourcc == ""
 
 

@@ -75,8 +75,8 @@ def test_every_frame_of_a_film_arrives_however_slowly_it_is_looked_at(tmp_path):
             film.write(picture(5 * index), index / 60 + 0.001 * (index % 3))
     with LiveCamera(CameraSettings(source=str(tmp_path / "a.mkv"))) as camera:
         assert (camera.facts.kind, camera.facts.width, camera.facts.height) == ("file", 160, 120)
-        # The process has long been waiting for room when the first is fetched.
-        time.sleep(0.3)
+        # The process waits for room when the first is fetched.
+        wait_until_all_is_read(camera)
         frames = list(camera)
         assert camera.dropped_count == 0
         assert camera.read() is None
@@ -161,8 +161,6 @@ def test_a_stream_without_stamps_is_read_by_the_clock_of_this_computer(broadcast
 def test_a_source_that_cannot_be_opened_is_one_clear_line(tmp_path):
     with pytest.raises(CameraError, match=r"none\.mp4 cannot be opened: there is no such video"):
         LiveCamera(CameraSettings(source=str(tmp_path / "none.mp4")))
-    with pytest.raises(CameraError, match="cannot be opened: is the camera switched on"):
-        LiveCamera(CameraSettings(source="http://127.0.0.1:9/camera.nut"))
 
 
 def test_a_reading_process_that_dies_is_an_error_and_not_a_wait(broadcast):

@@ -26,7 +26,7 @@ from cablecast.vision.tracker import EndpointTracker
 from cablecast.vision.trials import CameraOfTrials
 
 RATE, CLOCK = 30.0, 321.25
-WIDTH, HEIGHT = 640, 360
+WIDTH, HEIGHT = 480, 270
 # Where the shutter rolls, drawing takes longer: fewer frames, but all of the time between two of
 # them goes by from the first row to the last.
 ROLLING_RATE = 15.0
@@ -55,12 +55,12 @@ class PlayedRig(RigLifecycle):
     def execute(self, trajectory):
         self._use_reset()
         self.camera.start()
-        timing = self.player.cast()
         if self.aborts:
             self.camera.cancel()
             return EndpointTrack(
                 times=np.zeros(1), endpoint_xy=np.zeros((1, 2)), status=TrialStatus.ABORTED
             )
+        timing = self.player.cast()
         path = self.player.trial.joint_path
         return self.camera.stop(dataclasses.replace(timing, joint_path=path))
 
@@ -138,7 +138,7 @@ def kept(config, setup, trial):
     return clock, camera.view
 
 
-@pytest.mark.parametrize("off", [0.0, 0.03, -0.11, 0.2, -0.9, 0.9])
+@pytest.mark.parametrize("off", [0.0, 0.03, -0.9, 0.9])
 def test_each_cast_tells_by_how_much_the_clocks_are_off(kept, setup, trial, off):
     clock, view = kept
     found = clock.compare(trial.joint_path, setup.arm, view, -off, 1.0)
@@ -163,22 +163,19 @@ def test_a_motion_that_the_robot_did_not_make_is_refused(kept, setup, trial):
         clock.sync(other, setup.arm, view)
 
 
-@pytest.mark.parametrize(
-    ("stored", "true"),
-    [(RATE / 8, 30), (RATE / 2, 30), (RATE / 1.2, 30), (RATE * 2, 30)],
-)
-def test_a_film_of_another_rate_is_refused_and_the_true_one_named(kept, setup, trial, stored, true):
+@pytest.mark.parametrize("stored", [RATE / 8, RATE / 1.2, RATE * 2])
+def test_a_film_of_another_rate_is_refused_and_the_true_one_named(kept, setup, trial, stored):
     clock, view = kept
     other = CastClock(WIDTH)
     for time, image in clock._kept:
         other._kept.append((time * RATE / stored, image))
-    words = rf"filmed with about {true} frames/s, and stored as {stored:.0f}\?"
+    words = rf"filmed with about 30 frames/s, and stored as {stored:.0f}\?"
     with pytest.raises(InputError, match=words):
         other.sync(trial.joint_path, setup.arm, view)
 
 
 # Delays of a USB camera differ by so much from start to start [s]; a second rises only.
-DELAYS = (0.1, 0.35, 0.9)
+DELAYS = (0.1, 0.9)
 
 
 def test_a_delay_that_changes_between_casts_is_corrected_and_said(

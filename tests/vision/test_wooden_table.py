@@ -7,18 +7,18 @@ import pytest
 
 pytest.importorskip("cv2")
 
+from tests.vision.player import glide
+
 from cablecast.camera.settings import CameraSettings
-from cablecast.rigs.virtual.camera import TrialFilm, VirtualCamera
+from cablecast.rigs.virtual.camera import TrialFilm, VirtualCamera, track_film
 from cablecast.rigs.virtual.config import CameraConfig, LightConfig
-from cablecast.rigs.virtual.drawing import FilmedTrial
 from cablecast.setup import Setup
 from cablecast.vision.check import CameraCheck
 from cablecast.vision.live import CameraFacts, Frame
 from cablecast.vision.tags import load_cv2
-from cablecast.vision.tracker import EndpointTracker, MarkerConfig, TrackerConfig, grab_of
 from cablecast.vision.trials import calibrate_camera
 
-WIDTH, RATE, FRAMES = 1280, 60.0, 45
+WIDTH, RATE, FRAMES = 1120, 60.0, 36
 EVEN = LightConfig(drift=0.0, flicker=0.0, step=0.0)
 START, END = (0.0, 1.22), (0.55, 0.95)
 # As on a white table [mm].
@@ -41,17 +41,6 @@ def laid_with_wood(camera):
     camera.background = np.where(plain[..., None] > 0, wood, camera.background).astype(np.uint8)
 
 
-def glide(setup):
-    """Return a cast that starts where a reset lays the end, after a wait, and rests again."""
-    times = np.arange(0.0, FRAMES / RATE, 0.01)
-    u = np.clip((times - 0.05) / 0.4, 0.0, 1.0)
-    path = np.array(START) + (u**3 * (10 - 15 * u + 6 * u * u))[:, None] * np.subtract(END, START)
-    grip = np.array([0.0, setup.workspace.reset_y])
-    xy = grip + np.linspace(0.0, 1.0, 12)[:, None] * (path[:, None] - grip)
-    nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), setup.cable.radius)], axis=-1)
-    return FilmedTrial(cable=setup.cable, times=times, nodes=nodes, joint_path=None)
-
-
 def test_a_wooden_table_needs_no_change():
     config = CameraConfig(exposure=0.001, light=EVEN).resized(WIDTH)
     camera = VirtualCamera(config)
@@ -60,7 +49,8 @@ def test_a_wooden_table_needs_no_change():
     size = {"width": lens.width, "height": lens.height}
     settings = CameraSettings(source="0", rate=RATE, lens=lens, clock_offset_sd=1e-3, **size)
     setup = Setup(camera=settings)
-    trial = glide(setup)
+    # It starts where a reset lays the end.
+    trial = glide(START, END, rest=0.05, grip=(0.0, setup.workspace.reset_y), bow=0.0)
     facts = CameraFacts(kind="device", backend="V4L2", fourcc="MJPG", exposure=1e-3, **size)
     check = CameraCheck(setup, facts)
     # Before the cast the scene stands still; the last pictures are those that are calibrated with.
@@ -72,19 +62,7 @@ def test_a_wooden_table_needs_no_change():
         check.look(Frame(time=time, arrival=900.0 + time, image=images[-1]))
     advice = check.report().advice()
     assert [line for line in advice if "something of the marker's colour" not in line] == []
-    tracker = EndpointTracker(
-        calibrate_camera(images, setup).view,
-        setup.workspace,
-        TrackerConfig(
-            marker=MarkerConfig(hue=settings.marker_hue),
-            marker_z=setup.cable.radius,
-            row_time=config.row_time,
-        ),
-        start_xy=START,
-    )
-    film = TrialFilm(camera, trial, 3)
-    for frame in film.arrivals:
-        tracker.update(film.time(frame), grab_of(film.frame(frame)))
+    tracker = track_film(TrialFilm(camera, trial, 3), calibrate_camera(images, setup))
     times, xy = tracker.frames
     errors = 1e3 * np.linalg.norm(xy - trial.shape_at(times)[:, -1, :2], axis=1)
     assert np.isfinite(errors).all()
