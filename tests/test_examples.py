@@ -25,8 +25,8 @@ BUDGETS = {
         "real_count": 32,
         "candidate_count": 300,
     },
+    "09_strike.py": {"move_count": 32, "cable_count": 2, "tries": 1},
     # A tenth of these casts come after the learner began to learn.
-    "09_strike.py": {"move_count": 64, "cable_count": 3, "tries": 2},
     "06_reinforcement_learning.py": {"casts": 220, "targets": 4, "candidate_count": 300},
 }
 # Words that only a finished run prints in its last line.
@@ -82,7 +82,7 @@ def run_example(name, out, fit):
         if hasattr(module, "main"):
             budget = dict(BUDGETS.get(name, {}))
             if name == FILMS:
-                make_films(["hand", str(out / "films"), "--count", "2", "--rate", "12"])
+                make_films(["hand", str(out / "films"), "--count", "2", "--rate", "10"])
                 budget = {
                     "films": out / "films",
                     "config": dataclasses.replace(fit, ensemble_iterations=0),
@@ -93,7 +93,7 @@ def run_example(name, out, fit):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("coarse_engine", "brief_adaptation")
+@pytest.mark.usefixtures("coarse_engine", "brief_adaptation", "blank_figures")
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_runs_to_its_end(name, small_fit, tmp_path):
     if name == LEARNER:

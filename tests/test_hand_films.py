@@ -44,27 +44,34 @@ def refused(arguments, capsys):
 
 @pytest.fixture(scope="module")
 def films(tmp_path_factory):
-    """Two films with markers, and two with a tag on the hand."""
+    """Two films with markers."""
     folder = tmp_path_factory.mktemp("films")
-    for name, more in (("marker", []), ("tag", ["--tag", "7"])):
-        make_films(["hand", str(folder / name), "--count", "2", "--rate", "30", *more])
+    make_films(["hand", str(folder), "--count", "2", "--rate", "30"])
     return folder
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "grip"), [("marker", ("hue", "242")), ("tag", ("tag", "7"))])
-def test_films_of_a_hand_become_the_numbers_of_the_cable(films, name, grip, tmp_path):
-    videos = [str(file) for file in sorted((films / name).glob("*.mp4"))]
-    tags = ["--tags", str(films / name / "tags.yaml"), f"--grip-{grip[0]}", grip[1]]
-    assert main(["track", *videos, *tags, "--out", str(tmp_path / "track")]) == 0
-    table = tmp_path / "track" / "casts.csv"
-    assert {row["cast"] for row in rows(table)} == {"000000", "000001"}
-    turns = [abs(float(row["grip_yaw_rad"])) for row in rows(table) if row.get("grip_yaw_rad")]
-    assert max(turns, default=TURN) == pytest.approx(TURN, abs=TURN_TOLERANCE)
+def track(folder, out, *grip):
+    """Track the films of a folder, and return the table of their casts."""
+    videos = [str(file) for file in sorted(folder.glob("*.mp4"))]
+    words = [*videos, "--tags", str(folder / "tags.yaml"), *grip, "--out", str(out)]
+    assert main(["track", *words]) == 0
+    return out / "casts.csv"
 
+
+def test_a_tag_on_the_hand_tells_how_it_turns(tmp_path):
+    make_films(["hand", str(tmp_path), "--count", "1", "--rate", "30", "--tag", "7"])
+    table = track(tmp_path, tmp_path / "track", "--grip-tag", "7")
+    turns = [abs(float(row["grip_yaw_rad"])) for row in rows(table) if row["grip_yaw_rad"]]
+    assert max(turns) == pytest.approx(TURN, abs=TURN_TOLERANCE)
+
+
+@pytest.mark.slow
+def test_films_of_a_hand_become_the_numbers_of_the_cable(films, tmp_path):
+    table = track(films, tmp_path / "track", "--grip-hue", "242")
+    assert {row["cast"] for row in rows(table)} == {"000000", "000001"}
     assert main(["import", str(table), "--out", str(tmp_path / "casts")]) == 0
     tuned = tune(read_dataset(tmp_path / "casts"), config=FIT)
-    truth = json.loads((films / name / "truth.json").read_text())
+    truth = json.loads((films / "truth.json").read_text())
     friction = truth["lateral_friction"] * truth["worksurface_friction"]
     assert float(tuned.params.friction) == pytest.approx(friction, rel=FRICTION_SHARE)
     ratio = float(tuned.params.bend_stiffness / tuned.params.mass)
@@ -77,7 +84,7 @@ def test_films_of_a_hand_become_the_numbers_of_the_cable(films, name, grip, tmp_
 
 
 def test_a_hand_that_cannot_be_told_from_the_free_end_is_refused(films, capsys, tmp_path):
-    video, tags = films / "marker" / "000000.mp4", films / "marker" / "tags.yaml"
+    video, tags = films / "000000.mp4", films / "tags.yaml"
     known = [video, "--tags", tags, "--out", tmp_path / "out"]
     assert "30 deg apart" in refused([*known, "--grip-hue", 152], capsys)
     assert "grip_hue or grip_tag" in refused([*known, "--grip-hue", 242, "--grip-tag", 7], capsys)
