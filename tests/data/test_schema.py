@@ -2,10 +2,7 @@ import numpy as np
 import pytest
 
 from cablecast.data.dataset import read_dataset
-from cablecast.data.schema import (
-    COLUMNS,
-    track_extent,
-)
+from cablecast.data.schema import COLUMNS, track_extent
 from cablecast.data.writer import DatasetWriter
 from cablecast.errors import DatasetError
 
@@ -22,29 +19,12 @@ def test_the_extent_of_a_track_skips_what_was_not_seen():
     assert np.all(np.isnan(extent[1]))
 
 
-def test_trials_of_a_rig_fit_the_schema_with_repeats_and_tracks(tmp_path):
-    columns = some_columns(3) | {
-        "repeat": [0, 1, 2],
-        "times": [[0.0, 0.1], [0.0], []],
-        "track_x": [[0.1, 0.2], [0.3], []],
-        "track_y": [[1.1, 1.2], [1.3], []],
-    }
-    writer = DatasetWriter(
-        tmp_path / "d_real", kind="real", settings={"rig": "virtual"}, row_count=3, shard_rows=1
-    )
+def test_a_shard_of_the_wrong_size_is_not_written_and_settings_without_a_cable_are_named(tmp_path):
+    writer = DatasetWriter(tmp_path / "d", kind="sim", settings={}, row_count=2, shard_rows=2)
     with writer:
-        for shard in range(3):
-            writer.write_shard(shard, {name: v[shard : shard + 1] for name, v in columns.items()})
+        with pytest.raises(DatasetError, match="shard 0 needs 2 rows, not 3"):
+            writer.write_shard(0, some_columns(3))
+        writer.write_shard(0, some_columns(2))
         writer.finish()
-    dataset = read_dataset(tmp_path / "d_real")
-    assert dataset.extra["track_x"] == [[0.1, 0.2], [0.3], []]
-    assert dataset.extra["repeat"] == [0, 1, 2]
-    assert list(dataset.status) == ["occluded"] * 3
     with pytest.raises(DatasetError, match=r"the settings of .* lack cable"):
-        _ = dataset.cable
-
-
-def test_a_shard_of_the_wrong_size_is_not_written(tmp_path):
-    writer = DatasetWriter(tmp_path / "d", kind="sim", settings={}, row_count=4, shard_rows=2)
-    with writer, pytest.raises(DatasetError, match="shard 0 needs 2 rows, not 3"):
-        writer.write_shard(0, some_columns(3))
+        _ = read_dataset(tmp_path / "d").cable

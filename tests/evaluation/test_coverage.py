@@ -6,7 +6,6 @@ from cablecast.errors import InputError
 from cablecast.evaluation.coverage import (
     concave_hull,
     covered_share,
-    half_disc,
     measure_coverage,
     outlines,
     polar_casting_region,
@@ -16,8 +15,6 @@ from cablecast.setup import Setup
 
 SETUP = Setup()
 RADIUS = 1.56
-# The half disc is drawn with 180 sides.
-POLYGON_TOLERANCE = 1e-3
 # 4,000 random points leave a seam of about a point's distance, 3 cm, along the rim.
 SAMPLING_TOLERANCE = 0.05
 
@@ -62,10 +59,6 @@ def test_the_region_of_polar_casting_is_that_of_its_motions():
     # Of 4,000 points 13 % lie inside, give or take 0.5 %.
     assert share == pytest.approx(inside, abs=0.02)
     assert 0.05 < share < 0.3
-
-
-def test_the_half_disc_has_half_the_area_of_a_disc():
-    assert half_disc(RADIUS).area == pytest.approx(np.pi * RADIUS**2 / 2, rel=POLYGON_TOLERANCE)
 
 
 def test_faster_casts_cover_more_and_a_turn_of_the_wrist_more_still():
