@@ -33,7 +33,7 @@ def main() -> None:
     folder, port, kind = pathlib.Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     if kind == "strike":
         rig = make_rig(RigSwing(STRIKE_SETUP, segment_count=12), STRIKE_SETUP)
-        counts = {"move_count": 128, "cable_count": 2}
+        counts = {"move_count": 64, "cable_count": 2}
         serve(rig, prepare_strike(rig, out=folder / "aim", **counts), folder / "aim", port)
         return
     own = OffsetRig()
