@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from cablecast.data.dataset import read_dataset
 from cablecast.data.lerobot import (
     DATA_FILE,
     EPISODES_FILE,
@@ -179,16 +180,14 @@ def test_colours_of_pictures_are_counted_in_the_order_of_lerobot():
     assert (first["count"], both["count"]) == ([1], [2])
 
 
-def test_a_missing_film_leaves_nothing_behind(casts, tmp_path):
+def test_missing_films_simulated_casts_and_full_folders_are_refused(
+    casts, exported, unbroken, tmp_path
+):
     (tmp_path / "films").mkdir()
     with pytest.raises(InputError, match=r"there is no video .*000000\.mp4"):
         export_dataset(casts, tmp_path / "out", films=tmp_path / "films")
+    # Nothing is left behind.
     assert [path.name for path in tmp_path.iterdir()] == ["films"]
-
-
-def test_simulated_casts_and_full_folders_are_refused(casts, exported, unbroken):
-    from cablecast.data.dataset import read_dataset
-
     with pytest.raises(DatasetError, match="simulated casts"):
         export_dataset(read_dataset(unbroken), exported.parent / "other")
     with pytest.raises(InputError, match="not empty"):

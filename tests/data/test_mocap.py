@@ -54,21 +54,17 @@ def cells(point, scale):
 
 def write_motive(path, times, points, version="1.23"):
     """Write a take as Motive does: rigid bodies with rotation and error, markers, gaps empty."""
-    kinds, names, ids, parts, axes = ([] for _ in range(5))
+    place = [("Position", axis) for axis in "XYZ"]
+    body = [*(("Rotation", axis) for axis in "XYZW"), *place, ("Mean Marker Error", "")]
+    columns = []
     for name in points:
-        kinds += (
-            ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 4 if name == "grip" else ["Marker"] * 3
-        )
-        names += [name] * 8 + [f"{name}:Marker1"] * 4 if name == "grip" else [f"Cable:{name}"] * 3
-        ids += ["A1"] * (12 if name == "grip" else 3)
         if name == "grip":
-            parts += ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
-            axes += ["X", "Y", "Z", "W", "X", "Y", "Z", ""]
-            parts += ["Position"] * 3 + ["Marker Quality"]
-            axes += ["X", "Y", "Z", ""]
+            columns += [("Rigid Body", name, "A1", *cell) for cell in body]
+            cells_of_marker = [*place, ("Marker Quality", "")]
+            columns += [("Rigid Body Marker", f"{name}:Marker1", "A1", *c) for c in cells_of_marker]
         else:
-            parts += ["Position"] * 3
-            axes += ["X", "Y", "Z"]
+            columns += [("Marker", f"Cable:{name}", "A1", *cell) for cell in place]
+    kinds, names, ids, parts, axes = zip(*columns, strict=True)
     heads = [["Type", *kinds], ["Name", *names], ["ID", *ids], ["", *parts]]
     if version == "1.25":
         heads.insert(3, ["Parent", *[""] * len(kinds)])
@@ -82,8 +78,8 @@ def write_motive(path, times, points, version="1.23"):
     for i, time in enumerate(times):
         row = [str(i), f"{time:.6f}"]
         for name, places in points.items():
-            place = cells(theirs(places[i]), 1e3)
-            row += ["0", "0", "0", "1", *place, "0.1", *place, "1"] if name == "grip" else place
+            xyz = cells(theirs(places[i]), 1e3)
+            row += ["0", "0", "0", "1", *xyz, "0.1", *xyz, "1"] if name == "grip" else xyz
         lines.append(",".join(row))
     path.write_text("\ufeff" + "\n".join(lines) + "\n", encoding="utf-8")
     return path

@@ -72,6 +72,9 @@ def test_errors_compare_landings_with_the_targets_that_were_asked_for(evaluate, 
     np.testing.assert_allclose(evaluation.errors_pct, [10.0, 0.0, 5.0], atol=CLOSE)
     np.testing.assert_allclose(evaluation.planned_errors_pct, 100 * 0.01 / 0.62, atol=CLOSE)
     assert evaluation.summary.median_pct == pytest.approx(5.0)
+    # The row of the coverage holds covered targets only.
+    assert evaluation.inside_coverage.tolist() == [True, False, False]
+    assert evaluation.summary_inside_coverage.count == 1
 
 
 def test_casts_without_a_landing_are_counted_and_left_out_of_the_errors(evaluate, make_rig_stub):
@@ -83,12 +86,6 @@ def test_casts_without_a_landing_are_counted_and_left_out_of_the_errors(evaluate
     assert evaluation.status_counts[TrialStatus.OCCLUDED] == 1
     assert evaluation.summary_misses_counted.count == 3
     assert evaluation.summary_misses_counted.median_pct == math.inf
-
-
-def test_the_coverage_row_holds_only_covered_targets(evaluate, make_rig_stub):
-    evaluation = evaluate(make_rig_stub(TARGETS + [[0.062, 0.0]] * 3))
-    assert evaluation.inside_coverage.tolist() == [True, False, False]
-    assert evaluation.summary_inside_coverage.count == 1
 
 
 def test_every_cast_begins_with_a_reset_and_is_counted(evaluate, make_rig_stub):

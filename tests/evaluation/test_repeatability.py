@@ -100,9 +100,7 @@ def test_the_ellipse_of_many_landings_holds_95_percent_of_them():
     inside = np.linalg.norm(own, axis=1) < 1.0
     # This share has a standard deviation of 0.0007.
     assert inside.mean() == pytest.approx(0.95, abs=0.003)
-
-
-def test_two_landings_have_no_ellipse_and_nan_is_no_landing():
+    # Two landings have none, and NaN is no landing.
     assert confidence_ellipse([[0, 1], [0, 1.1], [np.nan, np.nan]]) is None
     assert confidence_ellipse([[0, 1], [0, 1.1], [0.1, 1.0]]) is not None
 

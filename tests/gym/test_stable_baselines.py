@@ -23,6 +23,8 @@ def test_a_learner_steps_it_and_gets_the_observation_of_the_ended_episode():
     assert not np.array_equal(observations, first)
     assert env.env_is_wrapped(object) == [False] * 4
     assert env.get_attr("num_envs", [0, 1]) == [4, 4]
+    with pytest.raises(InputError, match="must be NextStep, not SameStep"):
+        CastVecEnv(CastVectorEnv(4, autoreset_mode="SameStep"))
 
 
 def test_options_set_the_targets_of_the_next_reset_and_of_no_other():
@@ -52,8 +54,3 @@ def test_the_same_seed_learns_the_same():
         model.learn(16)
         rewards.append(model.predict(np.zeros(14, dtype=np.float32), deterministic=True)[0])
     assert np.array_equal(*rewards)
-
-
-def test_another_autoreset_mode_is_refused():
-    with pytest.raises(InputError, match="must be NextStep, not SameStep"):
-        CastVecEnv(CastVectorEnv(4, autoreset_mode="SameStep"))

@@ -38,11 +38,12 @@ def test_casts_play_side_by_side_to_the_end_of_the_longest(player, wait_until):
     assert done == [1]
 
 
-def test_rounds_are_played_from_the_beginning(player, wait_until):
-    figure = Noting()
-    player.play([(figure, cast(0.15))], rounds=2)
+def test_rounds_are_played_from_the_beginning_and_the_first_end_alone_is_told(player, wait_until):
+    figure, done = Noting(), []
+    player.play([(figure, cast(0.1))], rounds=3, done=lambda: done.append(1))
     wait_until(lambda: not player.playing)
-    assert np.count_nonzero(np.diff(figure.times) < 0) == 1
+    assert np.count_nonzero(np.diff(figure.times) < 0) == 2
+    assert done == [1]
 
 
 def test_a_time_that_is_sought_is_shown_at_rest(player):
@@ -66,10 +67,3 @@ def test_a_toggle_halts_goes_on_and_begins_again(player):
     assert player.playing
     player.toggle()
     assert player.time < 5.0
-
-
-def test_the_first_end_alone_is_told(player, wait_until):
-    done = []
-    player.play([(Noting(), cast(0.1))], rounds=3, done=lambda: done.append(1))
-    wait_until(lambda: not player.playing)
-    assert done == [1]

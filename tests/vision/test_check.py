@@ -92,12 +92,9 @@ def test_repeated_frames_a_marker_of_few_pixels_and_a_lost_focus_are_told(good, 
     assert any(words in line for line in dataclasses.replace(fine, **changes).advice())
 
 
-def test_too_much_light_is_told():
+def test_too_much_light_is_told_and_two_frames_say_nothing():
     report = check(DEVICE, even(), even(start=900.0), value=255)
     assert any("is saturated: less light" in line for line in report.advice())
-
-
-def test_two_frames_say_nothing():
     with pytest.raises(InputError, match="2 frames say nothing"):
         check(DEVICE, even(2), even(2))
 

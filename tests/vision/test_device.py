@@ -57,31 +57,30 @@ def test_a_device_is_asked_for_format_size_rate_focus_and_exposure_in_that_order
     ]
 
 
-def test_the_answers_of_a_device_are_read_back(monkeypatch):
-    def stubborn(number, backend):
-        answers = {cv2.CAP_PROP_EXPOSURE: 156.0, cv2.CAP_PROP_AUTO_EXPOSURE: 3.0}
-        answers[cv2.CAP_PROP_AUTO_WB] = 1.0
-        return FakeDevice(number, backend, answers)
+def facts_of(answers, monkeypatch):
+    """Return what is known of a device that answers so, whatever it was asked for."""
+    monkeypatch.setattr(cv2, "VideoCapture", lambda n, b: FakeDevice(n, b, answers))
+    return open_capture(SETTINGS)[1]
 
-    monkeypatch.setattr(cv2, "VideoCapture", stubborn)
-    _, facts = open_capture(SETTINGS)
+
+def test_the_answers_of_a_device_are_read_back_and_what_it_does_not_know_is_unknown(monkeypatch):
+    facts = facts_of(
+        {
+            cv2.CAP_PROP_EXPOSURE: 156.0,
+            cv2.CAP_PROP_AUTO_EXPOSURE: 3.0,
+            cv2.CAP_PROP_AUTO_WB: 1.0,
+        },
+        monkeypatch,
+    )
     assert (facts.kind, facts.width, facts.height) == ("device", 1920, 1080)
     assert facts.fourcc == "MJPG"
     assert facts.exposure == pytest.approx(0.0156)
     assert facts.auto_exposure is True
     assert facts.autofocus is False
     assert facts.auto_balance is True
-
-
-def test_what_a_driver_does_not_know_is_unknown(monkeypatch):
-    silent = {
-        cv2.CAP_PROP_EXPOSURE: -1.0,
-        cv2.CAP_PROP_AUTO_EXPOSURE: -1.0,
-        cv2.CAP_PROP_AUTOFOCUS: -1.0,
-        cv2.CAP_PROP_FOURCC: 0.0,
-    }
-    monkeypatch.setattr(cv2, "VideoCapture", lambda n, b: FakeDevice(n, b, silent))
-    _, facts = open_capture(SETTINGS)
+    unknown = (cv2.CAP_PROP_EXPOSURE, cv2.CAP_PROP_AUTO_EXPOSURE, cv2.CAP_PROP_AUTOFOCUS)
+    silent = dict.fromkeys(unknown, -1.0) | {cv2.CAP_PROP_FOURCC: 0.0}
+    facts = facts_of(silent, monkeypatch)
     assert facts.exposure is facts.auto_exposure is facts.autofocus is None
     assert facts.fourcc == ""
 
