@@ -5,6 +5,9 @@ import random
 import shutil
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.dataset as pads
+import pyarrow.parquet as pq
 import pytest
 import yaml
 from tests.data import stick_engine, stick_rig
@@ -117,24 +120,16 @@ def test_a_shard_of_a_dataset_of_other_settings_is_detected(copied, tmp_path):
 
 def change_rows(file, name, change):
     """Write a shard again with one column changed, as a spreadsheet would."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     table = pq.read_table(file)
     column = pa.array(change(table[name].to_pylist()))
     table = table.set_column(table.schema.get_field_index(name), name, column)
     pq.write_table(table, file)
 
 
-def test_parquet_readers_see_one_table_of_all_shards(unbroken):
-    import pyarrow.dataset as pads
-
-    table = pads.dataset(unbroken / "data", format="parquet").to_table()
-    assert len(table) == COUNT
-    assert sorted(table["index"].to_pylist()) == list(range(COUNT))
-
-
 def test_card_statistics_and_description_are_those_of_the_rows(unbroken):
+    # Parquet readers see one table of all shards.
+    table = pads.dataset(unbroken / "data", format="parquet").to_table()
+    assert sorted(table["index"].to_pylist()) == list(range(COUNT))
     _, front, body = (unbroken / "README.md").read_text().split("---\n", 2)
     values = yaml.safe_load(front)
     assert values["configs"] == [{"config_name": "default", "data_files": "data/*/*.parquet"}]

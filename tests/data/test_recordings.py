@@ -239,18 +239,6 @@ def test_a_log_as_controllers_write_it_is_taken_and_what_is_not_sound_is_named(t
         assert np.isin(kept.times, all_of_it.times).all()
 
 
-def test_a_cast_with_a_gap_in_its_motion_is_left_out_and_named(tmp_path):
-    rows, _ = log_of_a_controller(troubles=False)
-    first = [row for row in rows if row["cast"] == "take 0"]
-    middle = [row for row in first if 0.4 < row["time_s"] < 0.8]
-    rows = [row for row in rows if not any(row is gone for gone in middle)]
-    lines = []
-    casts = read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP, lines.append)
-    assert [cast.name for cast in casts] == ["take 1", "take 2"]
-    assert "'take 0': the joints moved unseen for 0.4" in lines[0]
-    assert "the cast is left out" in lines[0]
-
-
 def test_a_heading_that_is_seen_less_often_than_the_grip_is_that_of_the_looks_beside_it(
     casts, tmp_path
 ):
@@ -267,16 +255,24 @@ def test_a_heading_that_is_seen_less_often_than_the_grip_is_that_of_the_looks_be
         assert np.ptp(other.cast.grip[1][:, 3]) > 0.5
 
 
-@pytest.mark.parametrize("hidden", [("grip_x_m", "grip_y_m"), ("grip_yaw_rad",)])
-def test_a_grip_that_moved_unseen_is_left_out_and_named(casts, hidden, tmp_path):
-    rows, lines = table_of(casts, "grip"), []
+@pytest.mark.parametrize(
+    ("motion", "hidden", "words"),
+    [
+        ("joints", [f"q{joint}_rad" for joint in range(1, 7)], "the joints moved unseen for 0.6"),
+        ("grip", ["grip_x_m", "grip_y_m"], "the grip moved unseen for 0.6"),
+        ("grip", ["grip_yaw_rad"], "the grip moved unseen for 0.6"),
+    ],
+)
+def test_a_cast_that_moved_unseen_is_left_out_and_named(casts, motion, hidden, words, tmp_path):
+    rows, lines = table_of(casts, motion), []
     for row in rows:
         if row["cast"] == "take 0" and 0.3 < row["time_s"] < 0.9:
             for name in hidden:
                 row.pop(name, None)
     kept = read_recordings(write_table(rows, tmp_path / "table.csv"), SETUP, lines.append)
     assert [cast.name for cast in kept] == ["take 1", "take 2"]
-    assert "'take 0': the grip moved unseen for 0.6" in lines[0]
+    assert f"'take 0': {words}" in lines[0]
+    assert "the cast is left out" in lines[0]
 
 
 def test_joints_and_looks_of_two_files_may_follow_each_other(casts, tmp_path):

@@ -66,9 +66,8 @@ def test_tags_of_either_orientation_give_the_camera_s_place_and_it_is_said(famil
 def test_a_moved_tag_is_found_out_among_turned_ones():
     tags = list(LAYOUT.tags)
     tags[3] = dataclasses.replace(tags[3], x=tags[3].x + 0.04)
-    found = calibrate_view(
-        [table_picture(LAYOUT, True)], dataclasses.replace(LAYOUT, tags=tuple(tags)), lens=LENS
-    )
+    layout = dataclasses.replace(LAYOUT, tags=tuple(tags))
+    found = calibrate_view([table_picture(LAYOUT, True)], layout, lens=LENS)
     assert found.turned
     assert found.rejected_ids == (3,)
 
