@@ -194,15 +194,18 @@ def test_a_full_disk_loses_no_finished_trial(unbroken, tmp_path, monkeypatch, ki
     assert contents(path) == contents(unbroken)
 
 
-def test_no_trial_begins_where_its_row_would_find_no_room(tmp_path, monkeypatch):
+def test_an_interrupt_is_no_failed_trial_and_no_trial_begins_without_room_for_its_row(
+    tmp_path, monkeypatch
+):
     def fsync(_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    stopped = StickRig(troubles=[(0, KeyboardInterrupt())])
-    with pytest.raises(KeyboardInterrupt):
-        collect(tmp_path / "d", stopped)
-    # That is no trial that failed, which would be made again.
-    assert stopped.executed == [0]
+    for kind in (StickRig, ManyStickRig):
+        stopped = kind(troubles=[(0, KeyboardInterrupt())])
+        with pytest.raises(KeyboardInterrupt):
+            collect(tmp_path / "d", stopped)
+        # That is no trial that failed, which would be made again.
+        assert stopped.executed == [0]
     monkeypatch.setattr(record_module.os, "fsync", fsync)
     rig = StickRig()
     with pytest.raises(DatasetError, match="no room for another trial"):
