@@ -174,14 +174,37 @@ def test_a_film_of_another_rate_is_refused_and_the_true_one_named(kept, setup, t
         other.sync(trial.joint_path, setup.arm, view)
 
 
+@pytest.fixture(scope="module")
+def cast(setup, player):
+    """Return a function that films a cast: its timing, and what is said of its clocks."""
+    camera = dataclasses.replace(setup.camera, clock_offset=-CLOCK, exposure=0.002)
+    with CameraOfTrials(dataclasses.replace(setup, camera=camera)) as trials:
+
+        def cast(late=0.0):
+            trials.check(player.rewind() + late)
+            trials.start()
+            timing = player.cast()
+            path = player.trial.joint_path
+            return timing, trials.stop(dataclasses.replace(timing, joint_path=path)).note
+
+        yield cast
+
+
+def test_a_cast_whose_clocks_are_unclear_is_refused(cast, monkeypatch):
+    unclear = ClockOffset(offset=0.06, sd=0.02, explained=0.5, agreed=0.5, frame_count=30)
+    monkeypatch.setattr(CastClock, "compare", lambda *_: unclear)
+    with pytest.raises(CameraError, match=r"only 50 % of what moved agrees .* camera sync"):
+        cast()
+    unseen = dataclasses.replace(unclear, explained=0.1)
+    monkeypatch.setattr(CastClock, "compare", lambda *_: unseen)
+    assert cast()[1] == ""
+
+
 # Delays of a USB camera differ by so much from start to start [s]; a second rises only.
 DELAYS = (0.1, 0.9)
 
 
-def test_a_delay_that_changes_between_casts_is_corrected_and_said(
-    setup, stream, player, monkeypatch
-):
-    camera = dataclasses.replace(setup.camera, clock_offset=-CLOCK, exposure=0.002)
+def test_a_delay_that_changes_between_casts_is_corrected_and_said(stream, cast, monkeypatch):
     starts, ends, track = [], [], EndpointTracker.track
 
     def spy(tracker, duration=None, start=0.0):
@@ -190,37 +213,12 @@ def test_a_delay_that_changes_between_casts_is_corrected_and_said(
         return track(tracker, duration, start)
 
     monkeypatch.setattr(EndpointTracker, "track", spy)
-    with CameraOfTrials(dataclasses.replace(setup, camera=camera)) as trials:
-        for late in DELAYS:
-            stream.set_clock(CLOCK + late)
-            trials.check(player.rewind() + late)
-            trials.start()
-            timing = player.cast()
-            path = player.trial.joint_path
-            note = trials.stop(dataclasses.replace(timing, joint_path=path)).note
-            said = re.fullmatch(r".* is off by (-\d+) ms in this cast, \+- \d ms: corrected", note)
-            assert said is not None
-            assert float(said[1]) == pytest.approx(-1e3 * late, abs=1e3 * OFFSET_MAX)
-            # The track starts with the motion, and the film ends after all of it.
-            assert starts[-1] == pytest.approx(timing.start_time + CLOCK + late, abs=OFFSET_MAX)
-            assert ends[-1] > timing.end_time + CLOCK + late
-    stream.set_clock(CLOCK)
-
-
-def test_a_cast_whose_clocks_are_unclear_is_refused(setup, player, monkeypatch):
-    camera = dataclasses.replace(setup.camera, clock_offset=-CLOCK, exposure=0.002)
-    with CameraOfTrials(dataclasses.replace(setup, camera=camera)) as trials:
-
-        def cast():
-            trials.check(player.rewind())
-            trials.start()
-            timing = player.cast()
-            return trials.stop(dataclasses.replace(timing, joint_path=player.trial.joint_path))
-
-        unclear = ClockOffset(offset=0.06, sd=0.02, explained=0.5, agreed=0.5, frame_count=30)
-        monkeypatch.setattr(CastClock, "compare", lambda *_: unclear)
-        with pytest.raises(CameraError, match=r"only 50 % of what moved agrees .* camera sync"):
-            cast()
-        unseen = dataclasses.replace(unclear, explained=0.1)
-        monkeypatch.setattr(CastClock, "compare", lambda *_: unseen)
-        assert cast().note == ""
+    for late in DELAYS:
+        stream.set_clock(CLOCK + late)
+        timing, note = cast(late)
+        said = re.fullmatch(r".* is off by (-\d+) ms in this cast, \+- \d ms: corrected", note)
+        assert said is not None
+        assert float(said[1]) == pytest.approx(-1e3 * late, abs=1e3 * OFFSET_MAX)
+        # The track starts with the motion, and the film ends after all of it.
+        assert starts[-1] == pytest.approx(timing.start_time + CLOCK + late, abs=OFFSET_MAX)
+        assert ends[-1] > timing.end_time + CLOCK + late
