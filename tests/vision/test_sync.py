@@ -111,7 +111,7 @@ def test_a_cast_tells_the_offset_of_the_clocks_where_the_shutter_rolls(config, s
     late = dataclasses.replace(trial, times=trial.times + shift, joint_path=reported)
     camera = VirtualCamera(config, setup.workspace, None, 0)
     film, clock = TrialFilm(camera, late, 1), CastClock(config.width, config.row_time)
-    for frame in range(film.frame_count):
+    for frame in range(film.LEAD, film.frame_count):
         clock.keep(film.frame(frame), film.time(frame) + CLOCK)
     found = clock.sync(reported, setup.arm, camera.view)
     assert found.offset == pytest.approx(-CLOCK, abs=ROLLING_OFFSET_MAX)
