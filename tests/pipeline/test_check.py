@@ -26,9 +26,23 @@ def checked():
 
 
 @pytest.fixture
+def try_only(monkeypatch):
+    """Return a function that leaves only changes of some kinds to be tried."""
+    possible = check._possible
+
+    def leave(*kinds):
+        monkeypatch.setattr(
+            check, "_possible", lambda setup: [row for row in possible(setup) if row[0] in kinds]
+        )
+
+    return leave
+
+
+@pytest.fixture
 def few_casts(monkeypatch):
-    """Judge a laboratory by half as many casts, and fewer places of polar ones."""
-    for name, value in (("CAST_COUNT", 200), ("CALM_COUNT", 50), ("POLAR_STEP", (0.3, 0.3))):
+    """Judge a laboratory by few casts of a coarse cable, and few places of polar ones."""
+    few = {"CAST_COUNT": 100, "CALM_COUNT": 25, "POLAR_STEP": (0.4, 0.4), "SEGMENT_COUNT": 10}
+    for name, value in few.items():
         monkeypatch.setattr(check, f"_{name}", value)
     kept = check._believed, check._polar_landings
     for cache in kept:
@@ -60,7 +74,8 @@ def test_what_nothing_reaches_is_named_with_the_nearest_landing(checked):
 
 
 @pytest.mark.usefixtures("few_casts")
-def test_a_change_that_is_named_reaches_more_of_the_table():
+def test_a_change_that_is_named_reaches_more_of_the_table(try_only):
+    try_only("r0", "table")
     changed = cc.check(cc.Setup(cable="cable_2").with_motion(r0=0.9))
     assert changed.changes
     # Compared with the share that is said.
@@ -77,7 +92,8 @@ def test_progress_ends_with_all_changes_tried(monkeypatch):
     assert [report.done for report in reports] == list(range(reports[0].total + 1))
 
 
-def test_a_cable_of_which_little_is_known_is_less_sure(checked):
+@pytest.mark.usefixtures("few_casts")
+def test_a_cable_of_which_little_is_known_is_less_sure():
     cable = {"name": "line", "length": 0.62, "diameter": 0.011, "mass": 0.05}
     guessed = cc.check(cc.Setup.from_dict({"cable": cable}), changes=False)
     sure = {name: 1.01 for name in ("bend_stiffness", "twist_stiffness", "mass")}
@@ -85,28 +101,28 @@ def test_a_cable_of_which_little_is_known_is_less_sure(checked):
     assert np.ptp(guessed.shares) > np.ptp(known.shares)
 
 
-@pytest.mark.usefixtures("few_casts")
 def test_a_cable_heavier_than_lead_is_asked_about(checked):
     cable = {"name": "typo", "length": 0.62, "diameter": 0.0011, "mass": 0.05}
-    found = cc.check(cc.Setup.from_dict({"cable": cable}), changes=False)
+    found = dataclasses.replace(checked, setup=cc.Setup.from_dict({"cable": cable}))
     assert any("85 kg/l is unusual" in line for line in found.limits)
     assert not any("unusual" in line for line in checked.limits)
 
 
-def test_an_arm_that_can_follow_nothing_hears_what_would_help():
+@pytest.mark.usefixtures("few_casts")
+def test_an_arm_that_can_follow_nothing_hears_what_would_help(try_only):
+    try_only("jerk")
     jerky = cc.Setup().with_motion(jerk=400.0)
-    with pytest.raises(cc.CablecastError, match=r"break its .* with jerk = 40 m/s³: .* instead"):
+    words = r"break its .* with jerk = (40|160) m/s³: .* instead"
+    with pytest.raises(cc.CablecastError, match=words):
         cc.check(jerky)
 
 
 @pytest.mark.usefixtures("few_casts")
-def test_the_verb_prints_what_is_reached_and_draws_it(tmp_path, monkeypatch, capsys):
+def test_the_verb_prints_what_is_reached_and_draws_it(tmp_path, monkeypatch, capsys, try_only):
+    try_only("v_max")
     monkeypatch.chdir(tmp_path)
     lab = tmp_path / "lab.yaml"
-    lab.write_text(
-        "cable: {length: 0.9, diameter: 0.005, mass: 0.022, kind: hose}\n"
-        "workspace: {table_width: 1.6, table_depth: 1.2}\narm: {model: ur5e}\n"
-    )
+    lab.write_text("cable: {length: 0.7, diameter: 0.005, mass: 0.022, kind: hose}\n")
     assert main(["check", "--setup", str(lab), "--target", "0.15", "5"]) == 0
     page = capsys.readouterr().out
     assert "casts of cable reach" in page
@@ -143,13 +159,14 @@ def test_what_a_reset_does_to_the_cable_is_said_before_any_cast(checked, capsys)
     assert own.swing_words.startswith("the standard one was chosen for other cables: ")
     tuned = dataclasses.replace(own.setup, polar=polar_config(own.setup))
     assert dataclasses.replace(own, setup=tuned).swing_words == ""
-    rope = {"name": "rope", "kind": "rope", "length": 0.8, "diameter": 0.008, "mass": 0.02}
-    table = {"table_width": 2.75, "table_depth": 2.75, "table_near_y": 0.0}
-    lab = {"cable": rope, "workspace": table, "arm": {"model": "ur3e", "base_height": 0.1}}
-    small = cc.check(cc.Setup.from_dict(lab), changes=False)
-    assert not small.lays_out
-    assert small.swing_words.startswith("the ur3e cannot make the reset of the cable: ")
-    lab["arm"]["model"] = "ur5e"
+    rope = {"name": "rope", "kind": "rope", "length": 1.1, "diameter": 0.008, "mass": 0.02}
+    lab = {"cable": rope, "workspace": {"table_depth": 2.75}}
     long = cc.check(cc.Setup.from_dict(lab), changes=False)
+    assert not long.lays_out
     remedy = "look for a swing that does with `cablecast check --tune-swing`"
-    assert f"m of it hang free: {remedy}" in long.swing_words
+    assert f"as only 0.70 m of it hang free: {remedy}" in long.swing_words
+    hasty = dataclasses.replace(tuned, polar=polar_config(own.setup).paced(0.3, 0.3))
+    found = cc.check(hasty, changes=False)
+    cannot = "the ur5 cannot make the reset of the cable: "
+    assert found.swing_words == f"{cannot}change the section `polar`, or {remedy}"
+    assert dataclasses.replace(own, reset_offset=np.inf).swing_words == f"{cannot}{remedy}"
