@@ -38,20 +38,6 @@ def try_only(monkeypatch):
     return leave
 
 
-@pytest.fixture
-def few_casts(monkeypatch):
-    """Judge a laboratory by few casts of a coarse cable, and few places of polar ones."""
-    few = {"CAST_COUNT": 100, "CALM_COUNT": 25, "POLAR_STEP": (0.4, 0.4), "SEGMENT_COUNT": 10}
-    for name, value in few.items():
-        monkeypatch.setattr(check, f"_{name}", value)
-    kept = check._believed, check._polar_landings
-    for cache in kept:
-        cache.cache_clear()
-    yield
-    for cache in kept:
-        cache.cache_clear()
-
-
 def test_places_that_are_called_reached_are_those_where_other_casts_land(checked):
     setup = cc.Setup()
     # Another engine's resolution, other casts.

@@ -13,23 +13,24 @@ pytest.importorskip("mujoco")
 from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
 LAB = pathlib.Path(__file__).parents[2] / "examples/lab_ur5e.yaml"
-COARSE = VirtualConfig(segment_count=12, dt=2e-3)
+COARSE = VirtualConfig(segment_count=8, dt=2e-3)
 SEARCH = cc.TuneConfig(population_size=6, generations=2)
 # The servo of the virtual arm trails its set points by some 50 ms; the reported pose of the
 # gripper then lies some centimetres behind the commanded one [m].
 LAG_DISTANCE = 0.15
-# First tries of a policy of 600 coarse casts, after five real ones, miss by a fifth of a length.
+# First tries of a policy of 600 coarse casts, after three real ones, miss by a fifth of a length.
 MEDIAN_PCT_MAX = 50.0
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_casts")
 def test_a_ur5e_before_a_turned_table_goes_through_the_pipeline(tmp_path):
     setup = cc.load_setup(LAB)
     assert (setup.workspace.half_width, setup.workspace.y_max) == (0.6, 1.8)
     # Straight ahead: a wide sweep of this light rope passes the edge of a table of 1.2 m.
-    targets = np.array([[0.1, 1.2], [-0.1, 1.2], [0.05, 1.1], [-0.05, 1.1]])
+    targets = np.array([[0.1, 1.2], [-0.05, 1.1]])
     with cc.make_rig(RigVirtual(setup, 0, COARSE), setup) as rig:
-        casts = cc.collect(rig, count=5, out=tmp_path / "casts")
+        casts = cc.collect(rig, count=3, out=tmp_path / "casts")
         tuned = cc.tune(casts, config=SEARCH, segment_count=10, dt=0.002)
         simulated = cc.simulate(setup, tuned, count=600, segment_count=10, dt=0.002)
         policy = cc.train(simulated, epochs=20, candidate_count=1000)
