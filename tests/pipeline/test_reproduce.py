@@ -33,7 +33,7 @@ FEW_TARGETS = 4
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("coarse_engine", "brief_adaptation", "blank_figures")
+@pytest.mark.usefixtures("coarse_engine", "brief_adaptation", "blank_figures", "few_casts")
 def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_path, monkeypatch):
     few = load_targets()[:: 32 // FEW_TARGETS]
     monkeypatch.setattr("cablecast.pipeline.evaluate.load_targets", lambda: few)
@@ -49,6 +49,9 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
 
     with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path, budget=TINY, rig="engine", progress=stop)
+    other = dataclasses.replace(TINY, casts=101)
+    with pytest.raises(ValueError, match=r"budget\.casts is 100 there and 101 here"):
+        reproduce(tmp_path, budget=other, rig="engine")
     done_before = {path.parent for path in tmp_path.rglob("metrics.json")}
     stamps = {folder: (folder / "metrics.json").stat().st_mtime_ns for folder in done_before}
     reports = []
@@ -86,19 +89,6 @@ def test_a_tiny_reproduction_is_stopped_goes_on_and_reports_every_method(tmp_pat
 
     again = reproduce(tmp_path, budget=TINY, rig="engine")
     assert again.metrics["evaluations"] == reproduced.metrics["evaluations"]
-
-
-def test_another_budget_in_the_same_folder_is_refused(tmp_path):
-    def stop(report):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        reproduce(tmp_path, budget=TINY, rig="engine", progress=stop)
-    (tmp_path / "cable_1").mkdir()
-    (tmp_path / "cable_1/result").write_text("")
-    other = dataclasses.replace(TINY, casts=101)
-    with pytest.raises(ValueError, match=r"budget\.casts is 100 there and 101 here"):
-        reproduce(tmp_path, budget=other, rig="engine")
 
 
 @pytest.mark.parametrize(
