@@ -101,6 +101,22 @@ def coarse_engine(make_engines_coarse, monkeypatch):
 
 
 @pytest.fixture
+def few_casts(monkeypatch):
+    """Judge a laboratory by few casts of a coarse cable, and few places of polar ones."""
+    from cablecast.pipeline import check
+
+    few = {"CAST_COUNT": 100, "CALM_COUNT": 25, "POLAR_STEP": (0.4, 0.4), "SEGMENT_COUNT": 10}
+    for name, value in few.items():
+        monkeypatch.setattr(check, f"_{name}", value)
+    kept = check._believed, check._polar_landings
+    for cache in kept:
+        cache.cache_clear()
+    yield
+    for cache in kept:
+        cache.cache_clear()
+
+
+@pytest.fixture
 def brief_adaptation(monkeypatch):
     """Let networks take ten passes over real casts instead of hundreds."""
     pytest.importorskip("torch")
