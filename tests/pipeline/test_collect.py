@@ -17,7 +17,7 @@ def rig():
         yield opened
 
 
-@pytest.mark.usefixtures("coarse_engine")
+@pytest.mark.usefixtures("coarse_engine", "few_casts")
 def test_spread_casts_are_those_of_the_believed_cable_and_a_stopped_collection_goes_on(
     rig, tmp_path
 ):
