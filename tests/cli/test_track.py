@@ -38,7 +38,7 @@ def film():
     xy = np.array([0.0, 0.6]) + share * (path[:, None] - np.array([0.0, 0.6]))
     nodes = np.concatenate([xy, np.full((*xy.shape[:2], 1), 0.0055)], axis=-1)
     trial = FilmedTrial(cable=Setup().cable, times=times, nodes=nodes, joint_path=None)
-    return VirtualCamera(CameraConfig().resized(960)).film(trial, seed=6)
+    return VirtualCamera(CameraConfig().resized(1280)).film(trial, seed=6)
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def test_a_film_whose_tags_are_not_where_the_calibration_saw_them_is_refused(
     if "camera was moved" in said:
         px, mm = re.search(r"([\d.]+) px \(([\d.]+) mm on the table\)", said).groups()
         assert float(px) == pytest.approx(SHIFT_PX, abs=SHIFT_TOLERANCE)
-        assert 60 < float(mm) < 120
+        assert 45 < float(mm) < 90
     assert not (tmp_path / "out" / "metrics.json").exists()
 
 
@@ -153,7 +153,7 @@ def test_the_camera_of_a_lab_file_tells_what_no_option_says(film, folder, tmp_pa
     layout = film.camera.layout
     moved = [dataclasses.replace(tag, x=tag.x + 0.03) for tag in layout.tags]
     dataclasses.replace(layout, tags=tuple(moved)).save(tmp_path / "moved.yaml")
-    camera = "camera: {source: 0, width: 960, height: 540, tags: moved.yaml}\n"
+    camera = "camera: {source: 0, width: 1280, height: 720, tags: moved.yaml}\n"
     (tmp_path / "lab.yaml").write_text(camera)
     words = ["--setup", str(tmp_path / "lab.yaml"), "--out", str(tmp_path / "out"), "--end", "0.2"]
     assert main(["track", str(folder / "trial.mp4"), *words, "--start", f"{START:.4f}"]) == 0
