@@ -6,6 +6,7 @@ import sys
 import time
 
 import pytest
+from tests.cli.conftest import skip_check
 
 from cablecast.cli import main
 from cablecast.data.dataset import read_dataset
@@ -59,8 +60,20 @@ def make(setup, seed):
 RIG = ["--rig", "slow_rig_of_a_lab:make"]
 
 
+# `collect`, without simulating first what casts reach: an interpreter would take seconds for it.
+COLLECT = """
+import pytest, sys
+from tests.cli.conftest import skip_check
+from cablecast.cli import main
+
+skip_check(pytest.MonkeyPatch())
+sys.exit(main(sys.argv[1:]))
+"""
+
+
 @pytest.fixture
-def lab(in_new_folder):
+def lab(in_new_folder, monkeypatch):
+    skip_check(monkeypatch)
     (in_new_folder / "slow_rig_of_a_lab.py").write_text(SLOW_RIG)
     yield in_new_folder
     sys.modules.pop("slow_rig_of_a_lab", None)
@@ -107,7 +120,7 @@ def test_a_collection_of_casts_that_leave_the_table_says_what_stays_on_it(lab, c
 
 
 def test_a_collection_killed_again_and_again_makes_each_trial_once(lab):
-    command = [sys.executable, "-m", "cablecast", "collect", *RIG, "--count", "16"]
+    command = [sys.executable, "-c", COLLECT, "collect", *RIG, "--count", "16"]
     data = lab / "runs/cable_1/tune-data/data"
     for _ in range(2):
         before = len(list(data.rglob("file-*.parquet")))

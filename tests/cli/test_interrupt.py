@@ -1,12 +1,9 @@
 """Ctrl-C ends a verb with what the same command does, and a fit keeps its steps."""
 
+import itertools
 import os
-import pathlib
 import shutil
 import signal
-import subprocess
-import sys
-import time
 
 import pytest
 from tests.cli.conftest import SMALL_VERBS
@@ -20,71 +17,64 @@ from cablecast.rigs.engine import RigEngine
 from cablecast.setup import Setup
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_each_verb_says_whether_the_same_command_goes_on(verb):
-    words = _again([verb, "--seed", "1"])
-    if verb in ("twin", "view"):
-        assert words == ""
-    else:
-        assert ("goes on" in words) != ("anew" in words)
-        assert "\n" not in words
+def test_each_verb_says_whether_the_same_command_goes_on():
+    for verb in VERBS:
+        words = _again([verb, "--seed", "1"])
+        if verb in ("twin", "view"):
+            assert words == ""
+        else:
+            assert ("goes on" in words) != ("anew" in words), verb
+            assert "\n" not in words
+
+
+@pytest.fixture
+def stop_when(monkeypatch):
+    """Return a function that has Ctrl-C pressed at the first progress of which something holds."""
+    show = _Lines.show
+
+    def arrange(holds):
+        pressed = []
+
+        def show_and_stop(lines, progress):
+            show(lines, progress)
+            if not pressed and holds():
+                pressed.append(progress)
+                os.kill(os.getpid(), signal.SIGINT)
+
+        monkeypatch.setattr(_Lines, "show", show_and_stop)
+
+    return arrange
 
 
 # `tools/attack.py kills --interrupt` stops every verb, at any moment, in a process of its own.
 @pytest.mark.parametrize("name", SMALL_VERBS)
-def test_a_verb_stopped_by_ctrl_c_goes_on_to_the_same_results(name, in_copy, capsys, monkeypatch):
+def test_a_verb_stopped_by_ctrl_c_goes_on_to_the_same_results(name, in_copy, capsys, stop_when):
     words, good = SMALL[name], digests(in_copy)
     out = words[words.index("--out") + 1]
     shutil.rmtree(in_copy / out, ignore_errors=True)
-    show, reports = _Lines.show, []
-
-    def show_and_stop(lines, progress):
-        show(lines, progress)
-        reports.append(progress)
-        # In the middle of something that takes a while.
-        if len(reports) == 3:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr(_Lines, "show", show_and_stop)
+    # In the middle of something that takes a while.
+    reports = itertools.count(1)
+    stop_when(lambda: next(reports) == 3)
     assert main([name, *words]) == 130
     assert capsys.readouterr().err.endswith(f"cablecast: interrupted{_again([name])}\n")
     assert main([name, *words]) == 0
     assert digests(in_copy) == good
 
 
-def test_a_fit_that_is_interrupted_says_that_it_goes_on_and_does(tmp_path):
+def test_a_fit_that_is_interrupted_goes_on_from_its_steps(tmp_path, capsys, stop_when):
     rig = RigEngine(EngineWarp(segment_count=10, dt=2e-3), Setup())
-    casts = tmp_path / "casts"
+    casts, out = tmp_path / "casts", tmp_path / "tune"
     collect_dataset(casts, rig, Setup(), purpose="tune", count=2)
-    out = tmp_path / "tune"
     words = ["--dataset", casts, "--out", out, "--segment-count", "10", "--dt", "0.002"]
 
-    def run_to_step(name):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "cablecast", "tune", *map(str, words)],
-            stderr=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            text=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        )
-        deadline = time.monotonic() + 120.0
-        while not (out / "generations" / name).is_file():
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
-        assert said.endswith("cablecast: interrupted. The same command goes on from what is kept\n")
-        assert process.returncode == 130
-        return said
+    def run_to_step(number):
+        step = out / "generations" / f"{number:04}.json"
+        stop_when(step.is_file)
+        assert main(["tune", *map(str, words)]) == 130
+        assert capsys.readouterr().err.endswith("goes on from what is kept\n")
+        return {file: file.stat().st_mtime_ns for file in step.parent.glob("*.json")}
 
-    run_to_step("0001.json")
-    kept = {file: file.stat().st_mtime_ns for file in _steps(out)}
+    kept = run_to_step(1)
     assert len(kept) >= 2
-    run_to_step(f"{len(kept):04}.json")
     # What was kept is not made again.
-    assert {file: file.stat().st_mtime_ns for file in kept} == kept
-
-
-def _steps(out: pathlib.Path):
-    return sorted((out / "generations").glob("*.json"))
+    assert kept.items() < run_to_step(len(kept)).items()

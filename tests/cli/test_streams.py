@@ -11,6 +11,7 @@ import time
 
 import pytest
 import yaml
+from tests.cli.conftest import skip_check
 
 from cablecast.cable import load_cable
 from cablecast.cli import main
@@ -18,10 +19,11 @@ from cablecast.cli import main
 NAMES = ["- [bold]x[/bold] [/] 線 weiß :smile: 100% a'b\"c\\d: y # z", "../.."]
 
 
-@pytest.mark.usefixtures("blank_figures", "few_casts")
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("name", NAMES)
-def test_a_cable_and_a_rig_may_have_any_printable_name(name, lab, capsys):
+def test_a_cable_and_a_rig_may_have_any_printable_name(name, lab, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
+    skip_check(monkeypatch)
     values = load_cable("cable_1").to_dict() | {"name": name}
     (lab.path / "my.yaml").write_text(yaml.safe_dump(values, allow_unicode=True), encoding="utf-8")
     options = [*lab.rig, "--cable", "my.yaml"]

@@ -21,10 +21,13 @@ def rig():
 def test_spread_casts_are_those_of_the_believed_cable_and_a_stopped_collection_goes_on(
     rig, tmp_path
 ):
-    casts = cc.collect(rig, count=3, sampling="spread", seed=2, out=tmp_path / "casts")
+    reports, options = [], {"count": 3, "sampling": "spread", "seed": 2, "out": tmp_path / "casts"}
+    casts = cc.collect(rig, **options, progress=reports.append)
+    # What the casts are to be spread over is said before they are made.
+    assert any("casts of cable_1 reach" in report.note for report in reports)
     expected = spread_actions(SETUP, 3, cc.EngineWarp(), seed=2)
     np.testing.assert_array_equal(casts.actions, expected)
-    again = cc.collect(rig, count=3, sampling="spread", seed=2, out=tmp_path / "casts")
+    again = cc.collect(rig, **options)
     np.testing.assert_array_equal(again.actions, expected)
 
 
