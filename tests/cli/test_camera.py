@@ -165,8 +165,9 @@ def test_a_track_with_a_log_has_its_time_and_a_film_of_another_rate_is_refused(
     assert main(arguments) == 2
     said = capsys.readouterr().err
     assert f"filmed with about {true} frames/s, and stored as {RATE / slower:.0f}?" in said
-    # The true rate is believed.
-    assert main([*arguments, "--rate", str(true)]) == 0
+    if slower > 1.0:
+        # The true rate is believed.
+        assert main([*arguments, "--rate", str(true)]) == 0
 
 
 def test_a_log_of_another_motion_is_refused(swing, tmp_path, capsys):
