@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import shlex
-import shutil
 import subprocess
 import sys
 
@@ -108,33 +107,29 @@ def covers(found, part):
 
 
 @pytest.fixture
-def tree(tmp_path):
-    """Return a copy of a room of the source tree."""
-    room = tmp_path / "src" / "cablecast" / "motion"
-    shutil.copytree(ROOT / "src" / "cablecast" / "motion", room)
-    return tmp_path
+def rewritten(tmp_path):
+    """Return a function that gives the root of a tree with a room in which a text is replaced."""
+
+    def write(before, after):
+        source = ROOT / "src/cablecast/conventions.py"
+        file = tmp_path / str(len([*tmp_path.iterdir()])) / source.relative_to(ROOT)
+        file.parent.mkdir(parents=True)
+        assert before in source.read_text()
+        file.write_text(source.read_text().replace(before, after))
+        return file.parents[2]
+
+    return write
 
 
-def rewrite(tree, before, after):
-    file = tree / "src" / "cablecast" / "motion" / "action.py"
-    text = file.read_text()
-    assert before in text
-    file.write_text(text.replace(before, after))
-    fingerprint.cache_clear()
-
-
-def test_a_comment_or_a_docstring_changes_no_fingerprint(tree):
-    before = fingerprint("motion", tree)
-    rewrite(tree, '"""Return ', '"""Give back ')
-    rewrite(tree, "\ndef ", "\n# A comment.\ndef ")
-    assert fingerprint("motion", tree) == before == fingerprint("motion")
-
-
-def test_a_page_names_the_room_whose_code_has_changed(tree):
-    result = result_of("motion")
-    assert "has changed" not in pages.origin(result, tree)
-    rewrite(tree, " + ", " - ")
-    assert "**The code of motion has changed since.**" in pages.origin(result, tree)
+def test_a_comment_or_a_docstring_changes_no_fingerprint_and_other_code_is_named(rewritten):
+    here = fingerprint("conventions")
+    result = result_of("conventions")
+    for before, after in (('"""Return ', '"""Give back '), ("\ndef ", "\n# A comment.\ndef ")):
+        root = rewritten(before, after)
+        assert fingerprint("conventions", root) == here
+        assert "has changed" not in pages.origin(result, root)
+    words = "**The code of conventions has changed since.**"
+    assert words in pages.origin(result, rewritten(" + ", " - "))
 
 
 def test_a_page_names_the_rooms_of_which_the_result_has_no_fingerprint():
