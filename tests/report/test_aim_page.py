@@ -121,6 +121,7 @@ def test_casts_that_were_discarded_are_not_among_those_that_are_known(page):
     assert "and 4 casts on the rig besides those at these targets" in page
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_one_try_is_not_called_all_of_them(tried):
     first, stuck, _, last = tried.stops
     page = aim_page(dataclasses.replace(tried, stops=[first, stuck, None, last]), CONFIG)
@@ -162,6 +163,7 @@ def test_the_map_draws_every_landing_with_its_region_and_every_target(tried):
     assert png_bytes(figure, dpi=30)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_many_targets_none_of_which_was_cast_at_are_drawn(tried, make_evaluation):
     every = make_evaluation().rows(np.arange(0))
     assert tries_map(every).axes[2].patches[0].get_height() == 0.0
@@ -170,6 +172,7 @@ def test_many_targets_none_of_which_was_cast_at_are_drawn(tried, make_evaluation
     assert page.count("<td>not cast at: ") == len(stops)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_first_try_without_a_landing_has_no_miss_in_percent(tried):
     last = np.flatnonzero(tried.every.target_index == 2)
     one = dataclasses.replace(

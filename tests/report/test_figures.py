@@ -69,8 +69,10 @@ MAPS = {
 }
 
 
-@pytest.mark.parametrize("table", TABLES)
-@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize(
+    ("name", "table"),
+    [*(("landings", table) for table in TABLES), *((name, "turned") for name in [*MAPS][1:])],
+)
 def test_every_map_shows_the_whole_table_and_the_base(make_evaluation, name, table):
     workspace = TABLES[table]
     figure = MAPS[name](make_evaluation(setup=Setup(workspace=workspace)), workspace)
@@ -87,18 +89,13 @@ def test_every_map_shows_the_whole_table_and_the_base(make_evaluation, name, tab
             assert y_limits[0] < y < y_limits[1]
 
 
-def test_a_track_without_a_landing_is_not_said_to_end_at_rest(make_evaluation):
-    evaluation = make_evaluation()
-    figure = draw_tracks(evaluation, evaluation.setup.workspace)
-    first, second = (axes.get_title(loc="left") + axes.get_title() for axes in figure.axes[:2])
-    assert ("at rest" in first, "last seen" in first) == (True, False)
-    assert ("at rest" in second, "last seen" in second) == (False, True)
-
-
-def test_the_panels_of_tracks_say_that_they_run_from_best_to_worst(make_evaluation):
+def test_panels_of_tracks_run_from_best_to_worst_and_tell_rest_from_a_last_sight(make_evaluation):
     evaluation = make_evaluation()
     figure = draw_tracks(evaluation, evaluation.setup.workspace)
     assert figure.get_suptitle() == "2 of 2 trials, from best to worst fitted"
+    first, second = (axes.get_title(loc="left") + axes.get_title() for axes in figure.axes[:2])
+    assert ("at rest" in first, "last seen" in first) == (True, False)
+    assert ("at rest" in second, "last seen" in second) == (False, True)
 
 
 def points_drawn(axes):
@@ -111,32 +108,24 @@ def has_point(points, xy):
     return np.any(np.all(np.abs(points - xy) < ON_SCREEN, axis=1))
 
 
-def test_the_map_shows_every_target_and_every_landing(make_evaluation):
+def test_the_map_shows_and_numbers_every_target_and_joins_it_with_its_landing(make_evaluation):
     evaluation = make_evaluation()
-    figure = landing_map(evaluation)
-    points = points_drawn(figure.axes[0])
-    for cast, target in zip(evaluation.casts, evaluation.aimed_xy, strict=True):
-        assert has_point(points, target)
-        assert has_point(points, cast.track.endpoint_xy[-1]) == cast.landed
-
-
-def test_the_map_numbers_the_targets_as_the_table_of_trials_does(make_evaluation):
-    figure = landing_map(make_evaluation())
-    labels = {text.get_text(): text.xy for text in figure.axes[0].texts if hasattr(text, "xy")}
-    for index, xy in enumerate(make_evaluation().target_xy):
-        np.testing.assert_allclose(labels[str(index)], xy)
-
-
-def test_a_dashed_line_joins_each_target_with_its_landing(make_evaluation):
-    evaluation = make_evaluation(lost=())
     axes = landing_map(evaluation).axes[0]
+    points = points_drawn(axes)
     joins = {
         tuple(np.round(line.get_xydata().ravel(), 9))
         for line in axes.lines
         if line.is_dashed() and len(line.get_xdata()) == 2
     }
-    for target, landed in zip(evaluation.aimed_xy, evaluation.landed_xy, strict=True):
-        assert tuple(np.round([*target, *landed], 9)) in joins
+    for cast, target in zip(evaluation.casts, evaluation.aimed_xy, strict=True):
+        landed = cast.track.endpoint_xy[-1]
+        assert has_point(points, target)
+        assert has_point(points, landed) == cast.landed
+        assert (tuple(np.round([*target, *landed], 9)) in joins) == cast.landed
+    # As the table of trials does.
+    labels = {text.get_text(): text.xy for text in axes.texts if hasattr(text, "xy")}
+    for index, xy in enumerate(evaluation.target_xy):
+        np.testing.assert_allclose(labels[str(index)], xy)
 
 
 def test_the_map_can_be_drawn_without_any_landing(make_evaluation):
