@@ -75,19 +75,22 @@ def test_repeatability_changes_the_choice(selected, tmp_path, capsys):
     assert "settings with a scatter of at most 3 % of cable length" in capsys.readouterr().out
 
 
-def test_a_folder_without_repeated_casts_is_refused(tmp_path, capsys):
-    assert main(["select", *SMALL, "--repeat", str(tmp_path), "--out", str(tmp_path / "o")]) == 2
-    assert "holds no finished run of `cablecast repeat`" in capsys.readouterr().err
+def test_casts_that_were_not_repeated_or_are_of_another_cable_are_refused(tmp_path, capsys):
+    write_repeatability(tmp_path / "other", {(1.5, True): 1.0}, cable="cable_2")
+    for folder, words in (
+        (tmp_path, "holds no finished run of `cablecast repeat`"),
+        (tmp_path / "other", "was made with another cable"),
+    ):
+        arguments = [*SMALL, "--repeat", str(folder), "--out", str(tmp_path / "o")]
+        assert main(["select", *arguments]) == 2
+        assert words in capsys.readouterr().err
 
 
-def test_repeated_casts_of_another_cable_are_refused(tmp_path, capsys):
-    write_repeatability(tmp_path / "repeat", {(1.5, True): 1.0}, cable="cable_2")
-    arguments = [*SMALL, "--repeat", str(tmp_path / "repeat"), "--out", str(tmp_path / "o")]
-    assert main(["select", *arguments]) == 2
-    assert "was made with another cable" in capsys.readouterr().err
-
-
-def test_a_cable_that_is_too_long_for_polar_casts_is_compared_all_the_same(tmp_path, capsys):
+def test_a_cable_that_is_too_long_for_polar_casts_is_compared_all_the_same(
+    tmp_path, capsys, monkeypatch
+):
+    for name, value in (("R0", 1.0), ("V_MAX", 1.5)):
+        monkeypatch.setattr(f"cablecast.pipeline.select.{name}_CHOICES", (value,))
     cable, out = tmp_path / "long.yaml", tmp_path / "select"
     cable.write_text("name: long\nlength: 1.21\ndiameter: 0.008\nmass: 0.06\n")
     small = ["--grid", "2", "--grid-psi", "2"]
