@@ -41,8 +41,9 @@ def test_looking_at_a_folder_writes_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_other_settings_are_refused_by_name(tmp_path):
-    begun(tmp_path, metrics={"error": 1.0})
+def test_a_done_run_gives_its_metrics_back_and_refuses_other_settings_by_name(tmp_path):
+    begun(tmp_path, metrics={"error": 1.5})
+    assert RunFolder.open(tmp_path, "train", SETTINGS).metrics == {"error": 1.5}
     with pytest.raises(InputError, match=r"training\.epochs is 5 there and 6 here"):
         RunFolder.open(tmp_path, "train", SETTINGS | {"training": {"epochs": 6}})
     with pytest.raises(InputError, match="command is 'train' there and 'evaluate' here"):
@@ -56,11 +57,6 @@ def test_a_run_stopped_before_its_first_result_does_not_bind_the_next(tmp_path):
     assert changed.config["settings"]["seed"] == 1
 
 
-def test_a_done_run_gives_its_metrics_back(tmp_path):
-    begun(tmp_path, metrics={"error": 1.5})
-    assert RunFolder.open(tmp_path, "train", SETTINGS).metrics == {"error": 1.5}
-
-
 @pytest.mark.parametrize(
     "content", ["", "{", "[]", "7", "[" * 10**5, '{"command": "train"}', "\xff"]
 )
@@ -69,13 +65,6 @@ def test_a_damaged_config_is_refused(tmp_path, content):
     with pytest.raises(InputError, match=r"config\.json is") as caught:
         RunFolder.open(tmp_path, "train", SETTINGS)
     assert "\n" not in str(caught.value)
-
-
-def test_a_damaged_config_is_no_obstacle_to_a_run_that_replaces_it(tmp_path):
-    late = RunFolder.open(tmp_path, "train", SETTINGS)
-    (tmp_path / "config.json").write_text("{")
-    with late.locked(replaces=True):
-        assert RunFolder.read(tmp_path) == late
 
 
 @pytest.mark.parametrize("content", ["[1]", "7", "{}", '{"error": 1.0}', "{" * 10**5, "\xff"])
@@ -133,6 +122,8 @@ def test_a_run_of_other_settings_that_began_meanwhile_is_not_overwritten(tmp_pat
     with pytest.raises(InputError, match="seed is"), late.locked():
         pass
     assert RunFolder.read(tmp_path) == first
+    # Unless a run is told to replace it, however damaged it is.
+    (tmp_path / "config.json").write_text("{")
     with late.locked(replaces=True):
         assert RunFolder.read(tmp_path) == late
 
@@ -199,27 +190,21 @@ def test_names_of_cables_and_rigs_make_harmless_folder_names():
     assert rig_folder("evaluate", "my.lab:make") == "evaluate-my.lab-make"
 
 
-def test_differences_name_nested_settings_and_absent_ones():
+def test_differences_name_nested_settings_and_absent_ones_and_many_are_counted():
     phrases = settings_differences({"a": {"b": 1}, "old": 2}, {"a": {"b": 3}, "new": 4})
     assert phrases == [
         "a.b is 1 there and 3 here",
         "old is 2 there and '(absent)' here",
         "new is '(absent)' there and 4 here",
     ]
-
-
-def test_many_differences_are_counted():
     there, here = ({str(key): {"x": value} for key in range(9)} for value in (1, 2))
     phrases = settings_differences(there, here)
     assert phrases[5:] == ["5.x is 1 there and 2 here", "and 3 others"]
 
 
-def test_settings_are_compared_as_json_stores_them():
-    assert plain_settings({"grid": (1, 2), "a": {"b": None}}) == {"grid": [1, 2], "a": {"b": None}}
-
-
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), object(), {1, 2}])
-def test_settings_that_json_cannot_hold_are_refused(value):
+def test_settings_are_as_json_stores_them_and_what_it_cannot_hold_is_refused(value):
+    assert plain_settings({"grid": (1, 2), "a": {"b": None}}) == {"grid": [1, 2], "a": {"b": None}}
     with pytest.raises(InputError, match="plain, finite values"):
         plain_settings({"value": value})
 
