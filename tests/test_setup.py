@@ -35,10 +35,11 @@ def test_a_set_up_survives_its_dictionary_and_its_file(setup, tmp_path):
 
 def test_what_a_lab_file_leaves_out_takes_its_default(tmp_path):
     file = tmp_path / "lab.yaml"
-    file.write_text("arm:\n  model: ur5e\n")
-    assert load_setup(file) == Setup(arm=ArmUR(model="ur5e"))
-    file.write_text("{}")
-    assert load_setup(file) == Setup()
+    for text, setup in (("arm:\n  model: ur5e\n", Setup(arm=ArmUR(model="ur5e"))), ("{}", Setup())):
+        file.write_text(text)
+        assert load_setup(file) == setup
+    with pytest.raises(UnknownNameError, match=r"there is no lab file .*none\.yaml"):
+        load_setup(tmp_path / "none.yaml")
 
 
 def test_the_cable_of_a_lab_file_may_lie_beside_it(tmp_path):
@@ -100,14 +101,10 @@ def test_a_cable_that_is_too_long_for_the_table_is_refused_with_the_bound():
         assert Setup(cable=long, workspace=deeper).cable is long
 
 
-def test_whether_the_arm_was_measured_does_not_change_what_was_done():
+def test_what_was_measured_and_how_to_reach_the_robot_do_not_change_what_was_done():
     measured = dataclasses.replace(Setup(), arm=ArmUR(measured=True))
     assert measured != Setup()
-    assert measured.to_settings() == Setup().to_settings()
-
-
-def test_how_to_reach_robot_and_camera_does_not_change_what_was_done():
-    assert REAL.to_settings() == Setup().to_settings()
+    assert measured.to_settings() == REAL.to_settings() == Setup().to_settings()
     assert hash(REAL) != hash(Setup())
 
 
@@ -132,29 +129,24 @@ def test_only_this_computer_counts_as_a_twin():
     assert not dataclasses.replace(ROBOT, address="192.168.0.10").is_loopback
 
 
-def test_a_lab_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(UnknownNameError, match=r"there is no lab file .*none\.yaml"):
-        load_setup(tmp_path / "none.yaml")
-
-
-def test_a_section_that_is_not_there_is_added(tmp_path):
+def test_a_section_is_added_written_out_or_filled(tmp_path):
     file = tmp_path / "lab.yaml"
     file.write_text("# mine\ncable: cable_2\n")
     update_lab_file(file, {"camera": {"source": "0", "row_time": 1e-05}})
     assert file.read_text().startswith("# mine\ncable: cable_2\ncamera:\n")
-    camera = load_setup(file).camera
-    assert camera is not None
-    assert camera.row_time == 1e-5
-
-
-def test_a_section_on_one_line_is_written_out(tmp_path):
-    file = tmp_path / "lab.yaml"
+    assert load_setup(file).camera == CameraSettings(source="0", row_time=1e-5)
     file.write_text("camera: {source: 0, rate: 30}\narm: {model: ur5e}\n")
     update_lab_file(file, {"camera": {"exposure": 0.002}, "arm": {"base_height": 0.1}})
     assert yaml.safe_load(file.read_text()) == {
         "camera": {"source": 0, "rate": 30, "exposure": 0.002},
         "arm": {"model": "ur5e", "base_height": 0.1},
     }
+    for text in ("arm:\ncable: cable_2\n", "arm: {}\ncable: cable_2", "arm: ~\ncable: cable_2"):
+        file.write_text(text)
+        update_lab_file(file, {"arm": {"model": "ur5e", "base_height": 0.1}})
+        setup = load_setup(file)
+        assert (setup.arm.model, setup.arm.base_height) == ("ur5e", 0.1)
+        assert setup.cable.name == "cable_2"
 
 
 BY_HAND = """---
@@ -205,16 +197,6 @@ def test_rows_replace_rows_at_their_indentation_and_comments_around_them_stay(tm
     rows = "".join(f"    - {{id: {k}, x: {k % 2}, y: {k // 2}}}\n" for k in range(4))
     before, after = BY_HAND.index("    - {id: 1"), BY_HAND.index("\narm:")
     assert file.read_text() == BY_HAND[:before] + rows + BY_HAND[after:]
-
-
-def test_a_section_without_keys_takes_them(tmp_path):
-    file = tmp_path / "lab.yaml"
-    for text in ("arm:\ncable: cable_2\n", "arm: {}\ncable: cable_2", "arm: ~\ncable: cable_2"):
-        file.write_text(text)
-        update_lab_file(file, {"arm": {"model": "ur5e", "base_height": 0.1}})
-        setup = load_setup(file)
-        assert (setup.arm.model, setup.arm.base_height) == ("ur5e", 0.1)
-        assert setup.cable.name == "cable_2"
 
 
 def test_a_change_that_makes_no_sense_leaves_the_file_alone(tmp_path):

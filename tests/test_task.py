@@ -95,14 +95,14 @@ def test_the_mirror_image_of_a_cast_has_the_mirrored_outcome():
     np.testing.assert_array_equal(Farthest().side_of([[0.9], [-0.9]]), [1.0, 1.0])
 
 
-def test_outcomes_of_another_dimension_are_refused():
+def test_outcomes_tolerances_and_probabilities_out_of_bounds_are_refused():
     with pytest.raises(InputError, match=r"landing have shape \(3,\): it must be \[\.\.\., 2\]"):
         LANDING.miss([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], SETUP)
-
-
-def test_a_tolerance_out_of_bounds_is_refused():
     with pytest.raises(InputError, match="within_pct"):
         LANDING.goals(SETUP, [0.3, 1.1], within_pct=0.0)
+    for probability in (0.0, 1.0, np.nan):
+        with pytest.raises(InputError, match="probability"):
+            MissLaw().square(probability)
 
 
 def test_a_task_of_ones_own_has_goals_misses_and_hits():
@@ -143,11 +143,8 @@ def test_the_probability_of_a_region_inverts_its_square(probability, dimension):
     assert law.probability(square, dimension) == pytest.approx(probability)
 
 
-def test_the_papers_targets_can_all_be_asked_for():
+def test_the_papers_targets_can_be_asked_for_and_none_beyond_the_side_of_a_turned_table():
     np.testing.assert_array_equal(LANDING.values(SETUP, load_targets()), load_targets())
-
-
-def test_targets_beyond_the_side_of_a_turned_table_are_refused_with_its_edges():
     table = Workspace(table_width=2.0, table_depth=1.2, table_yaw_deg=90.0)
     turned = dataclasses.replace(SETUP, workspace=table)
     np.testing.assert_array_equal(LANDING.values(turned, [0.5, 1.2]), [[0.5, 1.2]])
@@ -241,25 +238,14 @@ def test_a_miss_changes_the_belief_as_bayes_rule_says():
     assert law.freedom == freedom + 2.0 * weight * len(squares)
 
 
-def test_misses_of_a_usual_size_change_nothing_but_how_sure_the_law_is():
+def test_only_the_last_misses_count_and_a_wild_one_no_more_than_a_bound():
+    assert MissLaw.after([100.0] * 5 + [1.0] * MISS_MEMORY) == MissLaw.after([1.0] * 20)
+    assert MissLaw.after([1e6]) == MissLaw.after([SQUARE_MAX])
+    assert MissLaw.after([SQUARE_MAX]).scale > MissLaw.after([0.9 * SQUARE_MAX]).scale
+    # Misses of a usual size change nothing but how sure the law is.
     law = MissLaw.after([2.0] * 8)
     np.testing.assert_allclose(law.scale, 1.0)
     assert law.square(0.99) < MissLaw().square(0.99)
-
-
-def test_only_the_last_misses_count():
-    assert MissLaw.after([100.0] * 5 + [1.0] * MISS_MEMORY) == MissLaw.after([1.0] * 20)
-
-
-def test_a_wild_cast_says_no_more_of_calm_ones_than_a_bound():
-    assert MissLaw.after([1e6]) == MissLaw.after([SQUARE_MAX])
-    assert MissLaw.after([SQUARE_MAX]).scale > MissLaw.after([0.9 * SQUARE_MAX]).scale
-
-
-@pytest.mark.parametrize("probability", [0.0, 1.0, np.nan])
-def test_a_probability_out_of_bounds_is_named(probability):
-    with pytest.raises(InputError, match="probability"):
-        MissLaw().square(probability)
 
 
 # Of 1,536 points in the plane.
