@@ -110,18 +110,6 @@ def test_planning_imports_neither_torch_nor_an_engine(model_folder):
     assert not {"torch", "warp", "mujoco", "matplotlib"} & set(heavy)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [["simulate", "--count", "many"], ["plan", "--target", "1.0"]],
-    ids=" ".join,
-)
-def test_arguments_that_make_no_sense_exit_with_status_2(arguments, capsys):
-    with pytest.raises(SystemExit) as exit_info:
-        main(arguments)
-    assert exit_info.value.code == 2
-    assert "Traceback" not in capsys.readouterr().err
-
-
 def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(tmp_path, capsys):
     blocker = tmp_path / "file"
     blocker.write_text("in the way")

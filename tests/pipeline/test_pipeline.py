@@ -83,7 +83,7 @@ def test_casts_are_kept_with_the_set_up_and_taken_up_by_the_same_call(casts, fol
     assert [report.note for report in reports] == ["already done, nothing changed"]
 
 
-def test_tuning_returns_parameters_that_simulate_takes_and_remembers_them(tuned, casts, folder):
+def test_tuning_and_training_again_read_their_results_back(tuned, casts, simulated, policy, folder):
     assert tuned.setup == SETUP
     assert tuned.metrics["validation"]["tuned"]["track_count"] == 2
     reports = []
@@ -95,6 +95,10 @@ def test_tuning_returns_parameters_that_simulate_takes_and_remembers_them(tuned,
     assert read.params == tuned.params
     # Who aims with it knows which casts it was fitted to.
     assert read.fitted_to == casts.fingerprint
+    options = {"epochs": 3, "candidate_count": 300, "out": folder / "model"}
+    trained = cc.train(simulated, **options, progress=reports.append)
+    assert trained.model.fingerprint == policy.model.fingerprint
+    assert reports[-1].note == "already done, nothing changed"
 
 
 def test_casts_that_were_made_again_are_tuned_to_again(folder, tmp_path):
@@ -132,15 +136,6 @@ def test_a_policy_plans_by_radius_and_angle_and_is_read_back(policy, folder):
     assert motion.miss_pct[0] == pytest.approx(
         100 * np.linalg.norm(plan.predicted_xy[0] - plan.target_xy[0]) / 0.62
     )
-
-
-def test_training_again_reads_the_model_back(policy, simulated, folder):
-    reports = []
-    again = cc.train(
-        simulated, epochs=3, candidate_count=300, out=folder / "model", progress=reports.append
-    )
-    assert again.model.fingerprint == policy.model.fingerprint
-    assert [report.note for report in reports] == ["already done, nothing changed"]
 
 
 def test_an_evaluation_has_a_summary_and_files_where_it_is_asked_to(policy, tmp_path):
