@@ -2,7 +2,9 @@
 
 Search: the whip is known, and its simulation may run 600 times for each target. Transfer: nothing
 is known of the whip but what is believed of whips. It is simulated by fewer links with longer
-steps, fitted to the tips of the tries that were seen, and a move is searched for in that.
+steps. The first try is the move that misses least on average over whips as they are believed to be.
+Then that model is fitted to the tips of the tries that were seen, and a move near these is searched
+for in it.
 """
 
 import dataclasses
@@ -45,9 +47,8 @@ START_COUNT, START_STEPS = 3, 32
 """First moves that are refined, and simulations for each."""
 DIFFERENCE, RADIUS, RADII = 0.02, 0.15, (2e-3, 0.4)
 """Step of a difference, first radius of trust, and its bounds, in unit coordinates [-]."""
-DEVIATION, SUCCESS, SMOOTHING, MEMORY = 0.02, 0.18, 0.08, 0.06
-"""First deviation of draws about the best move, share of them that is to be better, weight of the
-last draw in its estimate, and of the last better one in the covariance [-]."""
+MODEL_RADII = 0.1, 1e-4
+"""First and last radius of trust of quadratic models, in unit coordinates [-]."""
 
 BELIEVED = air_cable(1.6, 0.13, 0.06, 0.25, 0.024)
 DEVIATIONS = (1.3, 1.5, 2.0, 2.0, 1.0)
@@ -55,6 +56,9 @@ DEVIATIONS = (1.3, 1.5, 2.0, 2.0, 1.0)
 within a factor. The benchmark's has 1.8 m, 0.17 kg/m, 0.105 m^4/s² and 0.38 s, and no drag."""
 MODEL_NODES, MODEL_DT = 12, 5e-4
 """Links of the model of an unknown whip, and its step [s]; the world has 25 and 0.1 ms."""
+CANDIDATES, APART, BELIEVED_COUNT = 24, 0.1, 8
+"""First tries among which whips as they are believed decide, least distance between two of them in
+unit coordinates, and number of the whips."""
 ALIKE = 0.3
 """Distance of moves, in unit coordinates, over which errors of the model are much alike [-]."""
 
@@ -92,6 +96,14 @@ class Point:
     miss: float
     place: float
 
+    @classmethod
+    def of(cls, unit: Array, tip: Array, target: Array) -> "Point":
+        """Return the point of a move whose tip was simulated, until a whip that broke."""
+        good = np.isfinite(tip).all(axis=1)
+        tip = tip[: max(int(np.argmin(good)), 2)] if not good.all() else tip
+        miss, place = closest(tip, target)
+        return cls(unit, tip, float(miss), float(place))
+
     def at(self, place: float) -> Array:
         """Return the tip at a step [m], shape [3]."""
         place = min(place, len(self.tip) - 1.001)
@@ -108,8 +120,8 @@ class Search:
 
     First moves are those of many draws whose hand passes the direction of the target and stops
     beyond: the draws cost no simulation. The best of them are refined by steps of Gauss and Newton
-    within a radius of trust, over the offset of the closest point across the path. Draws about the
-    best move follow, whose covariance adapts to those that were better.
+    within a radius of trust, over the offset of the closest point across the path. Near the whip's
+    full reach that offset cannot vanish: quadratic models of the miss itself follow (COBYQA).
 
     Args:
         play: Returns the path of the tip of a move [m], shape [step, 3].
@@ -129,31 +141,34 @@ class Search:
         self.play, self.target = play, np.array(target)
         self.within = within
         self.rng = np.random.default_rng(seed)
-        self.count = 0
-        self.best: Point | None = None
+        self.points: list[Point] = []
+
+    @property
+    def count(self) -> int:
+        """Simulations so far."""
+        return len(self.points)
+
+    @property
+    def best(self) -> Point:
+        """Best move so far."""
+        return min(self.points, key=lambda point: point.miss)
 
     def run(self, known: Sequence[Array] = ()) -> Point:
-        """Return the best move, after moves that are known to be good, if there are any."""
+        """Return the best move near moves that were tried, or anywhere where none were."""
         try:
-            first = [self.try_(unit) for unit in (*known, *self.spread())]
+            first = [self.try_(unit) for unit in (known or self.spread())]
             first.sort(key=lambda point: point.miss)
             for point in first[:START_COUNT]:
                 self.step(point)
-            self.draw()
+            self.follow()
         except _OverError:
             pass
         return self.best
 
     def try_(self, unit: Array) -> Point:
         """Simulate a move."""
-        tip = self.play(unit)
-        good = np.isfinite(tip).all(axis=1)
-        tip = tip[: max(int(np.argmin(good)), 2)] if not good.all() else tip
-        miss, place = closest(tip, self.target)
-        point = Point(unit, tip, float(miss), float(place))
-        self.count += 1
-        if self.best is None or point.miss < self.best.miss:
-            self.best = point
+        point = Point.of(unit, self.play(unit), self.target)
+        self.points.append(point)
         if self.best.miss <= self.within or self.count >= BUDGET:
             raise _OverError
         return point
@@ -238,20 +253,17 @@ class Search:
             free &= ~out
         return step
 
-    def draw(self) -> None:
-        """Draw moves about the best one until the search is over."""
-        point, size = self.best, len(self.best.unit)
-        covariance, path, deviation, rate = np.eye(size), np.zeros(size), DEVIATION, SUCCESS
+    def follow(self) -> None:
+        """Follow quadratic models of the miss about the best move until the search is over."""
+        from scipy.optimize import minimize
+
+        def miss(unit: Array) -> float:
+            return self.try_(np.clip(unit, 0.0, 1.0)).miss
+
         while True:
-            way = np.linalg.cholesky(covariance) @ self.rng.normal(size=size)
-            tried = self.try_(np.clip(point.unit + deviation * way, 0.0, 1.0))
-            better = tried.miss < point.miss
-            rate += SMOOTHING * (better - rate)
-            deviation *= np.exp((rate - SUCCESS) / (1.0 - SUCCESS) / (1.0 + size / 2))
-            if better:
-                way, point = (tried.unit - point.unit) / deviation, tried
-                path = (1.0 - SUCCESS) * path + np.sqrt(SUCCESS * (2.0 - SUCCESS)) * way
-                covariance = (1.0 - MEMORY) * covariance + MEMORY * np.outer(path, path)
+            start, bounds = self.best.unit, [(0.0, 1.0)] * len(self.best.unit)
+            radii = {"initial_tr_radius": MODEL_RADII[0], "final_tr_radius": MODEL_RADII[1]}
+            minimize(miss, start, method="COBYQA", bounds=bounds, options=radii)
 
 
 class WhipModel:
@@ -299,7 +311,9 @@ def transfer(number: int, seed: int, tries: int) -> dict[str, Any]:
     seconds: list[float] = []
     for _ in range(tries):
         start = time.process_time()
-        if seen:
+        if not seen:
+            unit = robust(belief, target, seed)
+        else:
             posterior = fit_tips(
                 WhipModel(),
                 belief,
@@ -310,9 +324,9 @@ def transfer(number: int, seed: int, tries: int) -> dict[str, Any]:
                 steps=6,
                 seed=len(seen),
             )
-        model = simulated(BELIEVED if posterior is None else posterior.cable)
-        aim = Search(corrected(model, seen), target, seed, within=0.1 * HIT)
-        unit = aim.run([one.unit for one in seen]).unit
+            play = corrected(simulated(posterior.cable), seen)
+            aim = Search(play, target, seed, within=0.1 * HIT)
+            unit = aim.run([one.unit for one in seen]).unit
         seconds.append(time.process_time() - start)
         tip = world.swing(unit)
         misses.append(float(closest(tip, target)[0]))
@@ -324,22 +338,41 @@ def transfer(number: int, seed: int, tries: int) -> dict[str, Any]:
     return {"misses": misses, "seconds": seconds}
 
 
+def robust(belief: TipBelief, target: Array, seed: int) -> Array:
+    """Return the first try: of good moves of the most likely whip, the one that most whips bear."""
+    found = Search(tips_of(simulated(BELIEVED)), target, seed, within=0.0)
+    found.run()
+    units: list[Array] = []
+    for point in sorted(found.points, key=lambda point: point.miss):
+        if all(np.linalg.norm(point.unit - unit) > APART for unit in units):
+            units.append(point.unit)
+        if len(units) == CANDIDATES:
+            break
+    drawn = belief.draw(BELIEVED_COUNT, np.random.default_rng(seed))
+    plays = [tips_of(simulated(cable)) for cable in belief.cables(drawn)]
+    misses = [[Point.of(unit, play(unit), target).miss for play in plays] for unit in units]
+    return units[int(np.argmin(np.mean(misses, axis=1)))]
+
+
+def tips_of(model: World) -> Callable[[Array], Array]:
+    """Return a simulation that gives the tip at every `SAMPLE_DT`."""
+    every = round(SAMPLE_DT / MODEL_DT)
+    return lambda unit: model.swing(unit)[::every]
+
+
 def corrected(model: World, seen: Sequence[TipSwing]) -> Callable[[Array], Array]:
     """Return a simulation to which is added what it gets wrong of the last try, near it."""
-    every = round(SAMPLE_DT / MODEL_DT)
-    if not seen:
-        return lambda unit: model.swing(unit)[::every]
-    last = seen[-1]
+    plain, last = tips_of(model), seen[-1]
     # A longer move than the last is followed for longer than that was seen.
     error = np.zeros((round(float(durations(np.ones((1, 9)))[0]) / SAMPLE_DT) + 2, 3))
-    played = model.swing(last.unit)[::every]
+    played = plain(last.unit)
     size = min(len(played), len(last.tip))
     error[:size] = last.tip[:size] - played[:size]
     error[size:] = error[size - 1]
 
     def play(unit: Array) -> Array:
         """Return the path of a move."""
-        tip = model.swing(unit)[::every]
+        tip = plain(unit)
         share = np.exp(-0.5 * np.sum((unit - last.unit) ** 2) / ALIKE**2)
         return tip + share * error[: len(tip)]
 
