@@ -265,8 +265,8 @@ def test_a_rig_that_cannot_be_made_is_refused_before_anything_is_simulated_or_wr
     monkeypatch.setattr("cablecast.pipeline.check.check", simulate)
     for verb in (["aim", "--target", "1.05", "10"], ["evaluate", "--model", model_folder]):
         assert words in refused([*verb, "--rig", rig], capsys)
-    # This one can be called, but makes no rig.
-    assert "math" in refused([*verb, "--rig", "math:sqrt"], capsys)
+        # This one can be called, but makes no rig.
+        assert "must take (setup, seed)" in refused([*verb, "--rig", "math:sqrt"], capsys)
     assert not (lab.path / "runs").exists()
 
 

@@ -68,7 +68,7 @@ def check_rig(spec: str, setup: Setup) -> None:
         make_engine(spec.partition(":")[2] or "warp")
     elif not _LABORATORY.fullmatch(spec):
         with _working_directory_importable():
-            _named_factory(spec)
+            _check_factory(_named_factory(spec), spec, setup)
 
 
 def _is_engine(spec: str) -> bool:
@@ -127,9 +127,7 @@ def _swung(spec: str, setup: Setup, seed: int) -> Rig | None:
 
 def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: int) -> Rig:
     """Return what a factory makes, if it is a rig."""
-    if not takes(factory, setup, seed):
-        signature = str(inspect.signature(factory))[:100]
-        raise RigError(f"rig factory {name} takes {signature}: it must take (setup, seed)")
+    _check_factory(factory, name, setup)
     with foreign_code(f"rig factory {name} failed"):
         rig = factory(setup, seed)
     if missing := missing_parts(rig):
@@ -138,6 +136,13 @@ def _from_factory(factory: Callable[..., Any], name: str, setup: Setup, seed: in
             f"it lacks {', '.join(missing)}"
         )
     return rig
+
+
+def _check_factory(factory: Callable[..., Any], name: str, setup: Setup) -> None:
+    """Refuse a factory that does not take a set-up and a seed."""
+    if not takes(factory, setup, 0):
+        signature = str(inspect.signature(factory))[:100]
+        raise RigError(f"rig factory {name} takes {signature}: it must take (setup, seed)")
 
 
 def _named_factory(spec: str) -> Callable[..., Any]:
