@@ -27,7 +27,7 @@ from cablecast.vision.video import FilmWriter
 
 cv2 = load_cv2()
 
-RATE, EXPOSURE, START = 60.0, 0.001, 0.4
+RATE, EXPOSURE, START = 60.0, 0.001, 0.9
 WALL, DISTANCE = 0.6, 3.2
 LENS = Lens(width=1280, height=720, focal=(1350.0, 1350.0), centre=(639.5, 359.5))
 PLACES = [(-0.8, 0.6), (0.9, 0.7), (2.1, 0.6), (-0.8, -0.8), (2.1, -0.8), (1.1, -0.9)]

@@ -24,7 +24,7 @@ REST_TIME_MAX = 0.5
 # Encoder noise is 0.05 mrad; the servo has settled to less than that.
 ANGLE_TOLERANCE = 5e-4
 # The clock does not wait here, where silence is tried; a busy computer gets the longest watchdog.
-PATIENT = {"watchdog": 1.0, "silence_max": 1.0}
+PATIENT = {"watchdog": 1.0, "silence_max": 3.0}
 # Longest time from the end of the watchdog's patience to rest [s].
 BRAKING_TIME_MAX = 0.2
 # Where the network is lost, it may wait for as long as lets the arm rest in time [s].
