@@ -240,7 +240,7 @@ def test_a_camera_over_a_table_sees_no_swing_and_that_of_swings_no_table(tmp_pat
     setup = dataclasses.replace(lab(), camera=CameraSettings(source="0"))
     with pytest.raises(CameraError, match="a camera beside its plane, with tags on a wall"):
         CameraOfTrials(setup)
-    with pytest.raises(CameraError, match="swings .wall., which need a section `strike`"):
+    with pytest.raises(CameraError, match=r"swings \(wall\), which need a section `strike`"):
         CameraOfTrials(dataclasses.replace(lab(), strike=None))
     file = tmp_path / "lab.yaml"
     file.write_text(

@@ -28,7 +28,7 @@ from cablecast.vision.tracker import EndpointTracker
 from cablecast.vision.trials import CameraOfTrials, TrialCamera, TrialTiming
 from cablecast.vision.video import read_video
 
-RATE, CLOCK, WIDTH, HEIGHT = 30.0, 700.0, 960, 540
+RATE, CLOCK, WIDTH, HEIGHT = 30.0, 700.0, 1280, 720
 # What the project asks of the camera over the network [m].
 LANDING_RMS = 3e-3
 
