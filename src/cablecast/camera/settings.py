@@ -15,9 +15,9 @@ from cablecast.camera.tags import FAMILY, EndTag, TagLayout, tag_family
 from cablecast.errors import InputError, check_count, check_keys, check_number, check_ranges
 
 CLOCKS = ("device", "arrival")
+"""Sources of frame times: the stamps of camera or stream, or the time at which frames arrive."""
 SIDES = "right", "left"
 """Sides of the robot, as it looks ahead, on which a camera of swings may stand."""
-"""Sources of frame times: the stamps of camera or stream, or the time at which frames arrive."""
 
 MARKER_HUE = 122.0
 """Hue of green tape on a white table [deg]."""

@@ -453,26 +453,23 @@ def draw_report(report: CameraReport, plane: SeenPlane) -> bytes:
         u, v = np.round(quad.max(axis=0)).astype(int).tolist()
         cv2.putText(image, str(tag_id), (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 2)
     if report.calibration is not None:
-        view, z = report.calibration.view, plane.height
+        view = report.calibration.view
         for colour, line in zip((_EDGE, _AXIS, _AXIS), plane.lines, strict=False):
-            _line(image, view, line, colour, z)
+            _line(image, view, line, colour)
         turn = np.linspace(0.0, 2.0 * np.pi, 24)
         for x, y, radius in report.same_coloured:
-            circle = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])
+            ring = x + radius * np.cos(turn), y + radius * np.sin(turn), np.zeros(len(turn))
+            circle = np.column_stack(ring)
             _line(image, view, circle, _REFUSED)
     return cv2.imencode(".png", image)[1].tobytes()
 
 
 def _line(
-    image: np.ndarray,
-    view: CameraView,
-    corners: ArrayLike,
-    colour: tuple[int, int, int],
-    z: float = 0.0,
+    image: np.ndarray, view: CameraView, corners: ArrayLike, colour: tuple[int, int, int]
 ) -> None:
-    """Draw a line at a height over the table, bent as the lens bends it."""
+    """Draw a line through points [m], shape [point, 3], bent as the lens bends it."""
     cv2 = load_cv2()
     for start, end in itertools.pairwise(np.asarray(corners, dtype=float)):
-        pixels = view.to_image(np.column_stack([np.linspace(start, end, 40), np.full(40, z)]))
+        pixels = view.to_image(np.linspace(start, end, 40))
         pixels = pixels[np.isfinite(pixels).all(axis=1)]
         cv2.polylines(image, [np.round(pixels).astype(np.int32)], False, colour, 2, cv2.LINE_AA)

@@ -40,8 +40,8 @@ class SeenPlane:
         start: Place of the end before a motion [m], shape [2].
         origin: Origin of the tags' coordinates in the base frame [m], shape [3].
         axes: Their x, y and z in the base frame, as rows, shape [3, 3].
-        swing: Plane of a swing in the air; None on a table.
-        lines: Lines to draw into a picture, in the end's plane [m], shape [point, 2] each.
+        in_air: Whether it is the plane of swings; else the table.
+        lines: Lines to draw into a picture, in the tags' coordinates [m], shape [point, 3] each.
     """
 
     tags: TagLayout
@@ -50,7 +50,7 @@ class SeenPlane:
     start: Array
     origin: Array
     axes: Array
-    swing: SwingPlane | None
+    in_air: bool
     lines: tuple[Array, ...]
 
     @classmethod
@@ -82,8 +82,8 @@ class SeenPlane:
             start=np.array([0.0, reset + setup.cable.length]),
             origin=np.zeros(3),
             axes=np.eye(3),
-            swing=None,
-            lines=tuple(np.array(line) for line in lines),
+            in_air=False,
+            lines=tuple(np.pad(line, ((0, 0), (0, 1))) for line in lines),
         )
 
     def points(self, places: ArrayLike) -> Array:
@@ -92,15 +92,13 @@ class SeenPlane:
         In the base frame [m]: shape [..., 2] on a table, and [..., 3] in the air.
         """
         places = np.asarray(places, dtype=float)
-        if self.swing is None:
+        if not self.in_air:
             return places
         height = np.full((*places.shape[:-1], 1), self.height)
         return np.concatenate([places, height], axis=-1) @ self.axes + self.origin
 
     def base_view(self, view: CameraView) -> CameraView:
         """Return a camera, which the tags placed in their coordinates, in the base frame."""
-        if self.swing is None:
-            return view
         rotation = np.asarray(view.rotation) @ self.axes
         position = np.asarray(view.position) @ self.axes + self.origin
         rows = tuple(tuple(row) for row in rotation.tolist())
@@ -112,14 +110,13 @@ class SeenPlane:
         On a table it has a sample every 100 ms, in the air one for each frame that shows the tip,
         after one at the start: there the cable hangs at rest.
         """
-        if self.swing is None:
+        if not self.in_air:
             return tracker.track(duration, start)
         times, places = tracker.frames
         times, seen = times - start, np.isfinite(places).all(axis=1)
         rest, used = seen & (times <= 0.0), seen & (times > 0.0) & (times <= duration)
         if not rest.any() or used.sum() < _SEEN_MIN:
-            unseen = EndpointTrack.unseen(TrialStatus.OCCLUDED)
-            return dataclasses.replace(unseen, endpoint_z=np.full(1, np.nan))
+            return EndpointTrack.unseen(TrialStatus.OCCLUDED)
         hung = np.median(places[rest], axis=0)
         points = self.points(np.vstack([hung, places[used]]))
         return EndpointTrack(
@@ -152,6 +149,6 @@ def _of_swings(setup: Setup, camera: CameraSettings | None) -> SeenPlane:
         start=hung,
         origin=plane.aside * plane.right - camera.wall * z,
         axes=np.stack([x, y, z]),
-        swing=plane,
-        lines=(np.stack([hung, top]),),
+        in_air=True,
+        lines=(np.array([[*hung, camera.wall], [*top, camera.wall]]),),
     )

@@ -159,8 +159,8 @@ class CameraOfTrials:
         self.base_view = self.plane.base_view(self.calibration.view)
         self._tracker = self._new_tracker(self.plane.start)
         # Nothing lies still where a cable swings.
-        on_table = self.plane.swing is None
-        self._sight = CameraSight(position=self.base_view.position) if on_table else None
+        in_air = self.plane.in_air
+        self._sight = None if in_air else CameraSight(position=self.base_view.position)
         self._reference = Brightness.of(images[-1])
         self.description: dict[str, Any] = {
             "camera": self._camera.facts.kind,
@@ -249,7 +249,7 @@ class CameraOfTrials:
         filming.finish(is_last)
         if filming.latest is not None:
             self._latest = filming.latest.image
-        if self.plane.swing is None:
+        if not self.plane.in_air:
             self._sight = sight_of(self._tracker)
         if timing.joint_path is not None:
             self._before = (self._before[0], timing.joint_path.q[0])
