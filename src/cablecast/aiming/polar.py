@@ -74,6 +74,10 @@ class PolarLandings:
     casts: tuple[Cast, ...] = ()
     lost: tuple[PolarCast, ...] = ()
     _known: dict[PolarCast, Array] = dataclasses.field(default_factory=dict, repr=False)
+    # By pace, once asked for: `replace` does not hand on what other casts err by.
+    _errors: dict[float, PolarErrors] = dataclasses.field(
+        init=False, default_factory=dict, repr=False
+    )
 
     @classmethod
     def of(cls, ensemble: Tuned | None, task: Task = LANDING) -> "PolarLandings | None":
@@ -262,11 +266,6 @@ class PolarLandings:
                 errors=np.reshape([self._error(*one) for one in own], (-1, 2)),
             )
         return self._errors[pace]
-
-    @functools.cached_property
-    def _errors(self) -> dict[float, PolarErrors]:
-        """Those that were asked for."""
-        return {}
 
     def _folded(self, action: PolarCast, end_xy: Array) -> float:
         """Return how far an end is from that of a straight cable, along it [cable lengths]."""
