@@ -41,6 +41,11 @@ class TrialStatus(enum.Enum):
         """Short name for tables and columns, e.g. `off_table`."""
         return self.name.lower()
 
+    @property
+    def words(self) -> str:
+        """Short name for sentences, e.g. `off table`."""
+        return self.code.replace("_", " ")
+
     @classmethod
     def from_code(cls, code: str) -> "TrialStatus":
         """Return the status whose `code` this is.

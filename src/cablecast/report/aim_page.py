@@ -110,7 +110,7 @@ def aim_page(tried: Tried, config: Mapping[str, Any]) -> str:
         within_pct=within_pct,
         cast_count=len(every.casts),
         known_count=len(session.active_casts()) - len(every.casts),
-        lost=[(s.code, n) for s, n in every.status_counts.items() if n and s is not TrialStatus.OK],
+        lost=[(s, n) for s, n in every.status_counts.items() if n and s is not TrialStatus.OK],
         ok_count=every.status_counts[TrialStatus.OK],
         first_miss_pct=np.median(np.nan_to_num(misses_pct, nan=np.inf)) if misses_pct else np.nan,
         targets=_target_rows(tried),

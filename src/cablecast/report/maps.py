@@ -401,7 +401,7 @@ def cast_frames(evaluation: Evaluation, trial_indices: Sequence[int]) -> "Figure
         _draw_cast(axes, evaluation, index, scale)
         landed = cast.status is TrialStatus.OK
         result = f"error {evaluation.errors_pct[index]:.1f} %"
-        result = result if landed else cast.status.code.replace("_", " ")
+        result = result if landed else cast.status.words
         name = f"target {evaluation.target_index[index]}"
         if cast.proposal is not None:
             name = f"{place_text(cast.target_xy)}, try {cast.try_number}"

@@ -184,7 +184,7 @@ def player_data(evaluation: Evaluation) -> dict[str, Any]:
         if proposal is not None:
             name = f"{place_text(proposal.goal.value)}, try {proposal.try_number}"
         result = f"{evaluation.errors_pct[row]:.1f} % off"
-        result = result if cast.landed else cast.status.code.replace("_", " ")
+        result = result if cast.landed else cast.status.words
         one: dict[str, Any] = {
             "label": f"{name}: {'hit, ' * cast.hit}{result}",
             "target_mm": _millimetres(evaluation.aimed_xy[row]),

@@ -245,7 +245,7 @@ def _title_panel(axes: "Axes", tries: Sequence[Cast], place: str) -> None:
     """Name a target, and below it the tries without a landing."""
     axes.set_title(place if tries else f"{place}: not cast at")
     lost = [
-        f"{number}: {cast.status.code.replace('_', ' ')}"
+        f"{number}: {cast.status.words}"
         for number, cast in enumerate(tries, start=1)
         if not cast.landed
     ]

@@ -52,7 +52,7 @@ def miss_text(cast: Cast) -> str:
     'off table'
     """
     if cast.goal is None or not math.isfinite(cast.miss_pct):
-        return cast.status.code.replace("_", " ")
+        return cast.status.words
     return f"{cast.miss_pct * cast.goal.setup.cable.length:.1f} cm"
 
 

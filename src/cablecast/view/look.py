@@ -264,7 +264,7 @@ class Collection:
         if self.dataset.motion(index) is not None:
             simulated = self.simulated(index, engine, self.fitted)
         if not landed:
-            result += f": {str(self.dataset.status[index]).replace('_', ' ')}"
+            result += f": {TrialStatus.from_code(str(self.dataset.status[index])).words}"
         elif target_xy is not None:
             miss = float(LANDING.miss(self.dataset.rest_xy[index], target, self.setup))
             result += f": {100 * miss:.1f} % of the cable's length off"

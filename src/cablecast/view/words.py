@@ -132,7 +132,7 @@ def tries_text(desk: Desk) -> str:
     for one in desk.tries:
         if one not in desk.tries[-_ROWS:] and (here is None or not one.is_at(here)):
             continue
-        miss = one.status.code.replace("_", " ")
+        miss = one.status.words
         if math.isfinite(one.miss_pct):
             miss = _length_text(one.miss_pct, desk.setup.cable.length)
         if desk.is_undone(one):
