@@ -44,3 +44,9 @@ def test_an_order_of_methods_is_told_from_chance_by_drawing_the_targets_anew():
     # A method that is better at every second target is better by chance.
     other = errors[np.arange(32)[::-1]]
     assert 0.2 < share_of_smaller_median(errors, other) < 0.8
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_draw_without_a_landing_counts_for_neither_method():
+    errors = np.array([[1.0], [np.nan]])
+    assert share_of_smaller_median(errors, errors + 5.0) == pytest.approx(0.75, abs=0.05)
