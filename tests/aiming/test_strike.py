@@ -93,6 +93,12 @@ def test_a_goal_out_of_reach_is_refused_with_the_nearest_point_that_is_not(prior
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.filterwarnings("error")
+def test_any_number_of_moves_is_the_first_of_more(prior):
+    few = StrikePrior.simulate(MODEL, BELIEF, checked=False, move_count=6, cable_count=1)
+    np.testing.assert_array_equal(few.units, prior.units[:6])
+
+
 def test_a_loss_counts_beside_the_distance(prior, goals):
     aim = StrikeAim(prior, goals[0], loss=lambda tip: 0.25)
     unit = aim.propose()

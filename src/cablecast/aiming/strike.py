@@ -108,7 +108,9 @@ class StrikePrior:
         from scipy.stats import qmc
 
         rng = np.random.default_rng(seed)
-        units = qmc.Sobol(model.moves.size, rng=rng).random(move_count)
+        # Sobol's sequence is drawn by powers of two: SciPy warns of other numbers.
+        sobol = qmc.Sobol(model.moves.size, rng=rng)
+        units = sobol.random_base2((move_count - 1).bit_length())[:move_count]
         if checked:
             units = units[model.moves.feasible(units)]
         motion = model.motion(units)
