@@ -106,6 +106,24 @@ def test_the_lag_of_the_arm_is_learned_from_the_joints_that_it_reports(session):
     np.testing.assert_allclose(respond(q, SAMPLE_DT), _late(q, SAMPLE_DT), atol=0.02)
 
 
+def test_a_swing_that_was_discarded_tells_nothing_of_cable_and_arm(prior, tmp_path):
+    late = make_rig(RigLate(SETUP, TRUE, segment_count=16), SETUP)
+    session = StrikeSession(SETUP, prior, out=tmp_path, config=CONFIG)
+    (goal,) = session.goals(TARGET)
+    first = session.propose(goal)
+    swing = session.cast(late, first)
+    assert session.propose(goal).action != first.action
+    assert session.undo() is swing
+    again = StrikeSession(SETUP, prior, out=tmp_path, config=CONFIG)
+    for kept in (session, again):
+        assert kept.undone == {0}
+        assert kept.prior is prior
+        assert kept.posterior is None
+        assert kept.propose(goal).action == first.action
+    with pytest.raises(InputError, match="no such cast"):
+        session.undo()
+
+
 def test_a_session_that_is_opened_again_knows_its_swings(rig, tmp_path):
     session = opened(rig, tmp_path)
     (goal,) = session.goals(TARGET)

@@ -156,6 +156,10 @@ class CastSession(abc.ABC):
     def observe(self, proposal: Proposal, track: EndpointTrack) -> Cast:
         """Take in a proposed cast that was made, and what the rig saw of it."""
 
+    @abc.abstractmethod
+    def _condition(self) -> None:
+        """Know what the casts tell that were not discarded, and nothing else."""
+
     def stop(self, proposal: Proposal) -> Stop | None:
         """Return why a proposed cast is not worth making; None if it is."""
         return None
@@ -206,6 +210,21 @@ class CastSession(abc.ABC):
     def active_casts(self) -> list[tuple[int, Cast]]:
         """Return the casts that were not discarded, with their numbers."""
         return [row for row in enumerate(self.store.casts) if row[0] not in self.undone]
+
+    def undo(self, number: int | None = None) -> Cast:
+        """Discard a cast, the last aimed one by default: it is kept, and counts for nothing.
+
+        Raises:
+            InputError: There is no such cast, or it was discarded before.
+        """
+        if number is None:
+            aimed = [row for row, cast in self.active_casts() if cast.proposal is not None]
+            number = aimed[-1] if aimed else -1
+        if number not in range(len(self.store)) or number in self.undone:
+            raise InputError("there is no such cast to discard")
+        self.store.undo(number)
+        self._condition()
+        return self.store.casts[number]
 
     def is_done(self, value: ArrayLike) -> bool:
         """Return whether a goal of some value, shape [k], was hit, or all its tries are used."""
@@ -390,21 +409,6 @@ class AimSession(CastSession):
         other = copy.copy(self)
         other.store = self.store.in_memory()
         return other
-
-    def undo(self, number: int | None = None) -> Cast:
-        """Discard a cast, the last aimed one by default: it is kept, and counts for nothing.
-
-        Raises:
-            InputError: There is no such cast, or it was discarded before.
-        """
-        if number is None:
-            aimed = [row for row, cast in self.active_casts() if cast.proposal is not None]
-            number = aimed[-1] if aimed else -1
-        if number not in range(len(self.store)) or number in self.undone:
-            raise InputError("there is no such cast to discard")
-        self.store.undo(number)
-        self._condition()
-        return self.store.casts[number]
 
     def _active_sweeps(self) -> list[tuple[int, Cast]]:
         """Return the sweeps that were not discarded: simulators are fitted to these."""

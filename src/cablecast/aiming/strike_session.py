@@ -68,8 +68,12 @@ class StrikeSession(CastSession):
         self.moves = JointMoves.of(setup)
         self.plane = SwingPlane.of(self.moves)
         self.sight = None
-        self._prior = prior
-        self._servo_count = 0
+        self._believed = prior
+        self._condition()
+
+    def _condition(self) -> None:
+        # Arm and cable are fitted anew, where they are needed.
+        self._prior, self._servo_count = self._believed, 0
         self._posterior: TipPosterior | None = None
         self._aim: tuple[tuple, StrikeAim] | None = None
 

@@ -240,7 +240,7 @@ class Desk:
             self._refuse_casting()
             if (last := self.last) is None:
                 raise InputError("there is no try to undo")
-            self.session = self.task.undo(self._need_session(), last.number)
+            self._need_session().undo(last.number)
             self.preview, self.stop = None, ""
             self.message = f"Try {last.try_number} is discarded: no plan uses it from now on."
             return last

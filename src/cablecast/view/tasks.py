@@ -16,7 +16,6 @@ from cablecast.cast import Cast, Proposal
 from cablecast.conventions import Array, polar_to_xy, xy_to_polar
 from cablecast.engines.base import Engine
 from cablecast.engines.dynamics import Dynamics
-from cablecast.engines.swing import swing_model
 from cablecast.errors import CablecastError, InputError
 from cablecast.motion.action import mirror_to_right
 from cablecast.motion.casting import Action
@@ -138,10 +137,6 @@ class PageTask(abc.ABC, Generic[Session]):
         """Return some targets that simulated casts reach [m], shape [count, k]."""
 
     @abc.abstractmethod
-    def undo(self, session: Session, number: int) -> Session:
-        """Discard a cast, and return the session that plans without it."""
-
-    @abc.abstractmethod
     def fields(self) -> tuple[NumberField, NumberField]:
         """Return the numbers that a target is typed as."""
 
@@ -257,11 +252,6 @@ class PageLanding(PageTask[AimSession]):
             )
         sides = np.stack([rng.choice([-1, 1], count), np.ones(count)], axis=1)
         return rng.choice(xy, count) * sides
-
-    def undo(self, session: AimSession, number: int) -> AimSession:
-        """Discard a cast."""
-        session.undo(number)
-        return session
 
     def rehearse(self, session: AimSession) -> None:
         """Plan for nobody: the first plan of a session takes several times as long as others."""
@@ -399,13 +389,6 @@ class PageStrike(PageTask[StrikeSession]):
         points = rng.choice(points[np.isfinite(points[:, 0])], count)
         plane = session.plane
         return plane.points(plane.coordinates(points)[:, :2])
-
-    def undo(self, session: StrikeSession, number: int) -> StrikeSession:
-        """Discard a swing, and forget what it told of cable and arm."""
-        session.store.undo(number)
-        prior = dataclasses.replace(session.prior, model=swing_model(self.setup))
-        out, config = session.store.folder, session.config
-        return StrikeSession(self.setup, prior, out=out, config=config)
 
     def fields(self) -> tuple[NumberField, NumberField]:
         """Return the distance ahead and the height."""
