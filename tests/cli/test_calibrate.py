@@ -74,9 +74,11 @@ def check_lab(lab):
         np.testing.assert_allclose([tag.x, tag.y], [plan.x, plan.y] - AXIS, atol=PLACE_MAX)
 
 
-def test_touched_tags_become_the_place_of_the_robot_in_the_lab_file(lab, touched, capsys):
+@pytest.mark.parametrize("more", ["", "strike:\n  watch_time: 1.5\n"])
+def test_touched_tags_become_the_place_of_the_robot_in_the_lab_file(lab, touched, more, capsys):
+    lab.write_text(LAB + more)
     assert calibrate_table(lab, touched, "--no-write") == 0
-    assert lab.read_text() == LAB
+    assert lab.read_text() == LAB + more
     assert calibrate_table(lab, touched) == 0
     printed = capsys.readouterr().out
     assert printed.count("lies elsewhere, and was left out") == 2

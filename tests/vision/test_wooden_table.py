@@ -15,6 +15,7 @@ from cablecast.rigs.virtual.config import CameraConfig, LightConfig
 from cablecast.setup import Setup
 from cablecast.vision.check import CameraCheck
 from cablecast.vision.live import CameraFacts, Frame
+from cablecast.vision.plane import SeenPlane
 from cablecast.vision.tags import load_cv2
 from cablecast.vision.trials import calibrate_camera
 
@@ -62,7 +63,8 @@ def test_a_wooden_table_needs_no_change():
         check.look(Frame(time=time, arrival=900.0 + time, image=images[-1]))
     advice = check.report().advice()
     assert [line for line in advice if "something of the marker's colour" not in line] == []
-    tracker = track_film(TrialFilm(camera, trial, 3), calibrate_camera(images, setup))
+    plane = SeenPlane.of(setup)
+    tracker = track_film(TrialFilm(camera, trial, 3), calibrate_camera(images, setup.camera, plane))
     times, xy = tracker.frames
     errors = 1e3 * np.linalg.norm(xy - trial.shape_at(times)[:, -1, :2], axis=1)
     assert np.isfinite(errors).all()

@@ -16,8 +16,7 @@ from cablecast.files import read_numbers
 from cablecast.motion.casting import Action
 from cablecast.motion.joint_move import JointMoves
 from cablecast.motion.trajectory import JointPath, plan_trajectory
-from cablecast.rigs.arm import RigArm
-from cablecast.rigs.arm_swing import RigSwingArm
+from cablecast.rigs.arm_swing import make_arm
 from cablecast.rigs.base import Rig
 from cablecast.runs.progress import Progress, ProgressCallback, show
 from cablecast.setup import Setup, load_setup, update_lab_file
@@ -82,20 +81,22 @@ def sync_camera(
 ) -> ClockOffset:
     """Measure the offset between the clocks of robot and camera with one motion.
 
-    It is `SYNC_ACTION` over a table, and the middle move of a strike section.
+    It is `SYNC_ACTION` over a table, and the middle move of a strike section before its camera.
 
     Raises:
         CameraError: The camera failed, or the cast was aborted.
         InputError: The motion was not seen.
         RigError: The rig failed.
     """
-    action, arm = SYNC_ACTION, RigArm
-    if setup.strike is not None:
+    action = SYNC_ACTION
+    if SeenPlane.of(setup).in_air:
         moves = JointMoves.of(setup)
-        action, arm = moves.move(np.full(moves.size, 0.5)), RigSwingArm
+        action = moves.move(np.full(moves.size, 0.5))
+    else:
+        setup = dataclasses.replace(setup, strike=None)
     trajectory = plan_trajectory(action, setup)
     with ClockCamera(setup) as camera:
-        rig = (make_rig or arm)(setup, camera)
+        rig = (make_rig or make_arm)(setup, camera)
         try:
             rig.reset()
             track = rig.execute(trajectory)
@@ -119,7 +120,8 @@ def sync_film(setup: Setup, film: pathlib.Path, log: pathlib.Path) -> ClockOffse
     settings, reported = require_camera(setup), read_log(log, setup.arm)
     frames = read_video(film)[1]
     first = [image for _, image in itertools.islice(frames, _CALIBRATION_FRAMES)]
-    view = SeenPlane.of(setup).base_view(calibrate_camera(first, setup).view)
+    plane = SeenPlane.of(setup)
+    view = plane.base_view(calibrate_camera(first, settings, plane).view)
     return film_offset(film, reported, setup.arm, view, settings.row_time)
 
 

@@ -78,7 +78,7 @@ class RigArm(RigLifecycle):
             raise RigError("the driver came without a robot section")
         self.robot = robot
         self.setup = setup
-        self.camera = camera = camera or CameraOfTrials(setup)
+        self.camera = camera = camera or self._open_camera()
         self._rehearsed = REHEARSAL_COUNT if robot.seen_safe else 0
         self.last_timing: TrialTiming | None = None
         settings = setup.to_settings()
@@ -91,6 +91,9 @@ class RigArm(RigLifecycle):
             "workspace": settings["workspace"],
             "arm": settings["arm"],
         }
+
+    def _open_camera(self) -> TrialCamera:
+        return CameraOfTrials(self.setup)
 
     def reset(self) -> None:
         """Bring the cable to its start as the paper does, and look whether it lies straight.

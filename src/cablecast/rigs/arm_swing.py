@@ -6,14 +6,14 @@ import numpy as np
 
 from cablecast.cast import EndpointTrack
 from cablecast.conventions import Array
-from cablecast.errors import RigError
+from cablecast.errors import CameraError, RigError
 from cablecast.motion.joint_move import JointMoves
 from cablecast.rigs.arm import APPROACH_SPEED, RigArm
 from cablecast.rigs.driver import RigPhase
 from cablecast.rigs.path import JointCurve, straight_move
 from cablecast.rigs.swings import check_swing
 from cablecast.setup import Setup
-from cablecast.vision.trials import TrialTiming
+from cablecast.vision.trials import TrialCamera, TrialTiming, require_camera
 
 STILL, STILL_TIME, HANG_TIME_MAX = 0.004, 0.8, 60.0
 """Way of the tip within some time [m, s] below which a cable hangs at rest, and longest time that a
@@ -78,6 +78,14 @@ class RigSwingArm(RigArm):
         super().__init__(setup, camera, driver)
         self.description |= {"strike": setup.to_settings()["strike"]}
 
+    def _open_camera(self) -> TrialCamera:
+        if require_camera(self.setup).wall is None:
+            raise CameraError(
+                "a swing is seen by a camera beside its plane, with tags on a wall behind it: name "
+                "source, tags, wall and side in the section `camera` (docs/strike.md)"
+            )
+        return super()._open_camera()
+
     def reset(self) -> None:
         """Bring the arm to the start, and wait until the cable hangs at rest.
 
@@ -120,3 +128,8 @@ class RigSwingArm(RigArm):
     def _has_lost_cable(self) -> bool:
         """Return False: a cable is tied to a stick, and a camera that loses it says so."""
         return False
+
+
+def make_arm(setup: Setup, camera: TrialCamera | None = None, driver: str | None = None) -> RigArm:
+    """Return the rig of a real arm: one that swings where the set-up has a strike section."""
+    return (RigArm if setup.strike is None else RigSwingArm)(setup, camera, driver)

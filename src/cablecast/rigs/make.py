@@ -78,6 +78,10 @@ def _is_engine(spec: str) -> bool:
 def _make(spec: Any, setup: Setup, seed: int) -> Rig:
     """Return the rig itself, or what `CheckedRig` refuses as none."""
     if isinstance(spec, str):
+        if spec in DRIVERS:
+            from cablecast.rigs.arm_swing import make_arm
+
+            return make_arm(setup, driver=spec)
         named = _swung if setup.strike is not None else _cast
         if (rig := named(spec, setup, seed)) is not None:
             return rig
@@ -90,7 +94,7 @@ def _make(spec: Any, setup: Setup, seed: int) -> Rig:
 
 
 def _cast(spec: str, setup: Setup, seed: int) -> Rig | None:
-    """Return the rig of a name in `RIG_NAMES` that casts onto a table; None for another name."""
+    """Return the simulated rig of a name that casts onto a table; None for another name."""
     if laboratory := _LABORATORY.fullmatch(spec):
         from cablecast.rigs.virtual import RigVirtual, VirtualConfig
 
@@ -99,15 +103,11 @@ def _cast(spec: str, setup: Setup, seed: int) -> Rig | None:
         from cablecast.rigs.engine import RigEngine
 
         return RigEngine(make_engine(spec.partition(":")[2] or "warp"), setup)
-    if spec in DRIVERS:
-        from cablecast.rigs.arm import RigArm
-
-        return RigArm(setup, driver=spec)
     return None
 
 
 def _swung(spec: str, setup: Setup, seed: int) -> Rig | None:
-    """Return the rig of a name in `RIG_NAMES` that swings in the air; None for another name."""
+    """Return the simulated rig of a name that swings in the air; None for another name."""
     if laboratory := _LABORATORY.fullmatch(spec):
         from cablecast.rigs.virtual.strike import RigStrike, StrikeLabConfig
 
@@ -118,10 +118,6 @@ def _swung(spec: str, setup: Setup, seed: int) -> Rig | None:
         if spec not in ("engine", "engine:warp"):
             raise RigError(f"--rig {spec[:60]} swings no cable in the air: take --rig engine")
         return RigSwing(setup)
-    if spec in DRIVERS:
-        from cablecast.rigs.arm_swing import RigSwingArm
-
-        return RigSwingArm(setup, driver=spec)
     return None
 
 

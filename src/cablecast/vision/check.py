@@ -337,7 +337,6 @@ class CameraCheck:
     """Looks at frames, and reports on the camera and on the blur at a speed of the tip [m/s]."""
 
     def __init__(self, setup: Setup, facts: CameraFacts, tip_speed: float = 5.0):
-        self._setup = setup
         self._settings = require_camera(setup)
         self._plane = SeenPlane.of(setup)
         self._facts = facts
@@ -382,7 +381,7 @@ class CameraCheck:
         ids, px_per_m, same = (), float("nan"), np.empty((0, 3))
         marker, unmarked = None, None
         try:
-            calibration = calibrate_camera(self._images, self._setup)
+            calibration = calibrate_camera(self._images, self._settings, self._plane)
         except InputError as error:
             refused = str(error)
         if calibration is not None:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cablecast.camera.lens import CameraView
-from cablecast.camera.settings import CameraSettings
 from cablecast.camera.tags import TagLayout, default_layout
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.conventions import Array
@@ -55,20 +54,15 @@ class SeenPlane:
 
     @classmethod
     def of(cls, setup: Setup) -> "SeenPlane":
-        """Return what the camera of a set-up sees: the table, or the plane of its swings.
+        """Return what the camera of a set-up sees: the table, or the plane of its swings (`wall`).
 
         Raises:
-            CameraError: A set-up with a strike section has no camera beside its swings, or one
-                without has such a camera.
+            CameraError: It is beside the swings of a set-up without a strike section.
             InputError: Its joints swing the cable in no plane.
         """
         camera = setup.camera
-        if setup.strike is not None:
-            return _of_swings(setup, camera)
-        if camera is not None and camera.wall is not None:
-            raise CameraError(
-                "the camera of the lab file is one of swings (wall), which need a section `strike`"
-            )
+        if camera is not None and camera.wall is not None and camera.tags is not None:
+            return _of_swings(setup, camera.wall, camera.side, camera.tags)
         table = setup.workspace
         layout = None if camera is None else camera.tags
         family = TagLayout.family if camera is None else camera.tag_family
@@ -127,28 +121,27 @@ class SeenPlane:
         )
 
 
-def _of_swings(setup: Setup, camera: CameraSettings | None) -> SeenPlane:
-    if camera is None or camera.wall is None or camera.side is None or camera.tags is None:
+def _of_swings(setup: Setup, wall: float, side: str | None, layout: TagLayout) -> SeenPlane:
+    if setup.strike is None:
         raise CameraError(
-            "a swing is seen by a camera beside its plane, with tags on a wall behind it: name "
-            "source, tags, wall and side in the section `camera` (docs/strike.md)"
+            "the camera of the lab file is one of swings (wall), which need a section `strike`"
         )
     moves = JointMoves.of(setup)
     plane = SwingPlane.of(moves)
     # Who looks at the robot's right side sees what is ahead of it to the right.
-    sign = 1.0 if camera.side == "right" else -1.0
+    sign = 1.0 if side == "right" else -1.0
     x, y, z = sign * plane.ahead, np.array([0.0, 0.0, 1.0]), sign * plane.right
     root = moves.stick.root(moves.arm.frames(np.array(moves.start))[-1])
     top = np.array([sign * float(plane.ahead @ root), root[2]])
     hung = top - [0.0, setup.cable.length]
-    tags = tuple(dataclasses.replace(tag, x=sign * tag.x) for tag in camera.tags.tags)
+    tags = tuple(dataclasses.replace(tag, x=sign * tag.x) for tag in layout.tags)
     return SeenPlane(
-        tags=dataclasses.replace(camera.tags, tags=tags),
+        tags=dataclasses.replace(layout, tags=tags),
         area=_WALL,
-        height=camera.wall,
+        height=wall,
         start=hung,
-        origin=plane.aside * plane.right - camera.wall * z,
+        origin=plane.aside * plane.right - wall * z,
         axes=np.stack([x, y, z]),
         in_air=True,
-        lines=(np.array([[*hung, camera.wall], [*top, camera.wall]]),),
+        lines=(np.array([[*hung, wall], [*top, wall]]),),
     )

@@ -152,7 +152,7 @@ class CameraOfTrials:
         self._camera = LiveCamera(self.settings)
         try:
             images = [frame.image for frame in self._fresh(_CALIBRATION_FRAMES)]
-            self.calibration = calibrate_camera(images, setup)
+            self.calibration = calibrate_camera(images, self.settings, self.plane)
         except BaseException:
             self._camera.close()
             raise
@@ -513,15 +513,16 @@ def require_camera(setup: Setup) -> CameraSettings:
     return setup.camera
 
 
-def calibrate_camera(images: list[NDArray[np.uint8]], setup: Setup) -> Calibration:
-    """Return where the camera of a set-up is, from the tags in its pictures.
+def calibrate_camera(
+    images: list[NDArray[np.uint8]], settings: CameraSettings, plane: SeenPlane
+) -> Calibration:
+    """Return where a camera is, from the tags in its pictures.
 
     Raises:
         InputError: Too few tags are seen, or they are not where the layout has them.
     """
-    settings = require_camera(setup)
     view = float(np.radians(settings.view_deg))
-    return calibrate_view(images, tags_of(setup), lens=settings.lens, diagonal_view=view)
+    return calibrate_view(images, plane.tags, lens=settings.lens, diagonal_view=view)
 
 
 def tags_of(setup: Setup) -> TagLayout:
