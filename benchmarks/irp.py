@@ -14,7 +14,7 @@ import io
 import pathlib
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -305,11 +305,11 @@ def tables(args: Args, found: dict[str, dict[str, Any]]) -> Iterator[Table]:
     yield Table("Time of one core for each try [s]", ("method", "median", "p90", "most"), times)
 
 
-def interval(values: Array) -> tuple[Array, Array]:
-    """Return the 95 % interval of the mean over goals, shape [goal, try], by resampling goals."""
+def interval(values: Array, middle: Callable[..., Array] = np.mean) -> tuple[Array, Array]:
+    """Return the 95 % interval of a middle over goals, shape [goal, try], by resampling goals."""
     rng = np.random.default_rng(0)
     rows = rng.integers(len(values), size=(1000, len(values)))
-    low, high = np.percentile(values[rows].mean(axis=1), [2.5, 97.5], axis=0)
+    low, high = np.percentile(middle(values[rows], axis=1), [2.5, 97.5], axis=0)
     return low, high
 
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.irp import interval
 from benchmarks.result import Table, code_key
 from cablecast.aiming.config import AimConfig
 from cablecast.cable import load_cable
@@ -184,7 +185,7 @@ def main(args: Args) -> Iterator[Table]:
         true = 100.0 * np.array([row["true"] for row in made])
         seen, floors = (np.median([row[k] for row in made], axis=0) for k in ("seen", "floor"))
         held = np.mean([row["inside"] for row in made], axis=0)
-        low, high = interval(true)
+        low, high = interval(true, np.median)
         for k, own in enumerate(true.T):
             misses = (np.median(own), low[k], high[k], own.mean())
             others = (100.0 * seen[k], 100.0 * floors[k], 100.0 * held[k])
@@ -196,11 +197,3 @@ def main(args: Args) -> Iterator[Table]:
         ("median", "p90", "most"),
         [(np.median(spent), *np.percentile(spent, [90, 100]))],
     )
-
-
-def interval(values: Array) -> tuple[Array, Array]:
-    """Return the 95 % interval of the median over targets, [target, try], by resampling them."""
-    rng = np.random.default_rng(0)
-    rows = rng.integers(len(values), size=(1000, len(values)))
-    low, high = np.percentile(np.median(values[rows], axis=1), [2.5, 97.5], axis=0)
-    return low, high
