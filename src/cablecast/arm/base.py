@@ -7,7 +7,7 @@ and holds the cable with a gripper that points down.
 import abc
 import dataclasses
 import enum
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -229,7 +229,14 @@ class Arm(abc.ABC):
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints from the base on; the first turns the arm about the vertical."""
 
+    @property
     @abc.abstractmethod
+    def offsets_at_zero(self) -> tuple[Array, Array]:
+        """Pose of the first joint in the base frame, shape [4, 4], and of each next frame.
+
+        These are in the frame before them, with all joints at zero, shape [joint, 4, 4].
+        """
+
     def frames(self, q: ArrayLike) -> list[Array]:
         """Return the poses of the joints and of the flange in the base frame.
 
@@ -240,6 +247,17 @@ class Arm(abc.ABC):
             Poses of shape [..., 4, 4], one more than joints: joint k turns about z of frame k, and
             the last frame is the flange, whose z points out of it. The cable leaves along its -y.
         """
+        q = np.asarray(q, dtype=float)
+        first, offsets = self.offsets_at_zero
+        c, s = np.cos(q)[..., None], np.sin(q)[..., None]
+        steps = np.empty((*q.shape, 4, 4))
+        steps[..., 0, :] = c * offsets[:, 0] - s * offsets[:, 1]
+        steps[..., 1, :] = s * offsets[:, 0] + c * offsets[:, 1]
+        steps[..., 2:, :] = offsets[:, 2:]
+        frames = [np.broadcast_to(first, (*q.shape[:-1], 4, 4))]
+        for joint in range(q.shape[-1]):
+            frames.append(frames[-1] @ steps[..., joint, :, :])
+        return frames
 
     @abc.abstractmethod
     def inverse_motion(
@@ -292,13 +310,18 @@ class Arm(abc.ABC):
 
         It is x, y, z [m], yaw, pitch [rad] as in a GripPath, shape [..., 5].
         """
-        T = self.forward(q)
-        # The cable leaves the fingers along -y of the flange, whose z points down.
-        along = -T[..., :3, 1]
-        position = T[..., :3, 3] + self.gripper_length * T[..., :3, 2] + self.grip_offset * along
-        yaw = np.arctan2(along[..., 0], along[..., 1])
-        pitch = np.arcsin(np.clip(along[..., 2], -1.0, 1.0))
-        return np.concatenate([position, yaw[..., None], pitch[..., None]], axis=-1)
+        q = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+        first, offsets = self.offsets_at_zero
+        # From the gripper to the base: the poses of all frames take many times as long. The cable
+        # leaves the fingers along -y of the flange, whose z points down.
+        along: Any = (0.0, -1.0, 0.0)
+        place: Any = (0.0, -self.grip_offset, self.gripper_length)
+        for c, s, offset in zip(np.cos(q)[::-1], np.sin(q)[::-1], offsets[::-1], strict=True):
+            place, along = _moved(offset, place, 1.0), _moved(offset, along, 0.0)
+            place, along = ((c * x - s * y, s * x + c * y, z) for x, y, z in (place, along))
+        place, along = _moved(first, place, 1.0), _moved(first, along, 0.0)
+        yaw, pitch = np.arctan2(along[0], along[1]), np.arcsin(np.clip(along[2], -1.0, 1.0))
+        return np.stack(np.broadcast_arrays(*place, yaw, pitch), axis=-1)
 
     def standing_pose(self, q: Array) -> Array:
         """Return `grip_pose`, shape [5], with the yaw that `inverse` brings back to the joints.
@@ -360,6 +383,14 @@ def jacobian(frames: list[Array], points: Array) -> Array:
     places = np.stack([T[..., :3, 3] for T in frames[:-1]], axis=-2)
     rates = np.concatenate([np.cross(axes, points[..., None, :] - places), axes], axis=-1)
     return np.swapaxes(rates, -1, -2)
+
+
+def _moved(T: Array, parts: Sequence[Any], share: float) -> list[Any]:
+    """Return the coordinates of a place, or of a direction with a share of 0, moved by a pose."""
+    return [
+        sum((w * part for w, part in zip(row, parts, strict=False) if w), share * row[3])
+        for row in T[:3]
+    ]
 
 
 def rod_ends(rods: list[tuple[Array, Array]]) -> Array:

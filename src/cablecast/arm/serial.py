@@ -145,8 +145,8 @@ class ArmSerial(Arm):
         return values
 
     @functools.cached_property
-    def _steps(self) -> tuple[Array, Array]:
-        """Pose of the first joint in the base frame, and the other offsets, as matrices."""
+    def offsets_at_zero(self) -> tuple[Array, Array]:
+        """Offsets of the description as matrices; see `Arm.offsets_at_zero`."""
         from scipy.spatial.transform import Rotation
 
         rows = np.array(self.offsets)
@@ -158,22 +158,6 @@ class ArmSerial(Arm):
         mount[:3, :3] = [[s, -c, 0.0], [c, s, 0.0], [0.0, 0.0, 1.0]]
         mount[2, 3] = self.base_height
         return mount @ T[0], T[1:]
-
-    def frames(self, q: ArrayLike) -> list[Array]:
-        """Return the poses of the joints and of the flange; see `Arm.frames`."""
-        q = np.asarray(q, dtype=float)
-        first, steps = self._steps
-        T = np.broadcast_to(first, (*q.shape[:-1], 4, 4))
-        frames = [T]
-        for joint, step in enumerate(steps):
-            c, s = np.cos(q[..., joint, None, None]), np.sin(q[..., joint, None, None])
-            # A turn about z mixes the first two rows of what follows.
-            turned = np.concatenate(
-                [c * step[:1] - s * step[1:2], s * step[:1] + c * step[1:2]], axis=-2
-            )
-            T = T @ np.concatenate([turned, np.broadcast_to(step[2:], turned.shape)], axis=-2)
-            frames.append(T)
-        return frames
 
     def links(self, frames: list[Array]) -> Links:
         """Return the links as capsules; see `Arm.links`."""

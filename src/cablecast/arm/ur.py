@@ -10,6 +10,7 @@ untilted and tilt on the way.
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -88,8 +89,9 @@ _UNKNOWN = ("ur8long", "ur15", "ur18")
 
 ARM_MODELS = tuple(LINKS)
 
-_DH_ALPHA = np.array([np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0])
-_COS_ALPHA, _SIN_ALPHA = np.cos(_DH_ALPHA), np.sin(_DH_ALPHA)
+# Cosine and sine of the angle between each joint and the next, alpha of Denavit and Hartenberg.
+_COS_ALPHA = np.array([0.0, 1.0, 1.0, 0.0, 0.0, 1.0])
+_SIN_ALPHA = np.array([1.0, 0.0, 0.0, 1.0, -1.0, 0.0])
 
 # A pose with less pitch counts as level [rad].
 _LEVEL = 1e-9
@@ -210,34 +212,21 @@ class ArmUR(Arm):
         """Link lengths of the model."""
         return LINKS[self.model]
 
-    def frames(self, q: ArrayLike) -> list[Array]:
-        """Return the poses of the seven DH frames in the base frame, each of shape [..., 4, 4].
-
-        Joint k turns about z of frame k, and the last frame is the flange.
-        """
-        q = np.asarray(q, dtype=float)
-        T = np.zeros((*q.shape[:-1], 4, 4))
+    @functools.cached_property
+    def offsets_at_zero(self) -> tuple[Array, Array]:
+        """Offsets of Denavit and Hartenberg as matrices; see `Arm.offsets_at_zero`."""
+        first = np.eye(4)
         # In the DH convention, the arm points along -x of its base when its first joint is at zero.
         c, s = np.cos(self.base_yaw), np.sin(self.base_yaw)
-        T[..., :3, :3] = [[-s, c, 0.0], [-c, -s, 0.0], [0.0, 0.0, 1.0]]
-        T[..., 2, 3] = self.base_height
-        T[..., 3, 3] = 1.0
-        frames = [T]
+        first[:3, :3] = [[-s, c, 0.0], [-c, -s, 0.0], [0.0, 0.0, 1.0]]
+        first[2, 3] = self.base_height
         links = self.lengths
-        a = np.array([0.0, -links.upper_arm, -links.forearm, 0.0, 0.0, 0.0])
-        c, s = np.cos(q), np.sin(q)
-        steps = np.zeros((*q.shape, 4, 4))
-        steps[..., 0, 0], steps[..., 0, 1] = c, -s * _COS_ALPHA
-        steps[..., 0, 2], steps[..., 0, 3] = s * _SIN_ALPHA, a * c
-        steps[..., 1, 0], steps[..., 1, 1] = s, c * _COS_ALPHA
-        steps[..., 1, 2], steps[..., 1, 3] = -c * _SIN_ALPHA, a * s
-        steps[..., 2, 1], steps[..., 2, 2] = _SIN_ALPHA, _COS_ALPHA
-        steps[..., 2, 3] = (links.d1, 0.0, 0.0, links.d4, links.d5, links.d6)
-        steps[..., 3, 3] = 1.0
-        for joint in range(q.shape[-1]):
-            T = T @ steps[..., joint, :, :]
-            frames.append(T)
-        return frames
+        offsets = np.tile(np.eye(4), (6, 1, 1))
+        offsets[:, 0, 3] = (0.0, -links.upper_arm, -links.forearm, 0.0, 0.0, 0.0)
+        offsets[:, 2, 3] = (links.d1, 0.0, 0.0, links.d4, links.d5, links.d6)
+        offsets[:, 1, 1] = offsets[:, 2, 2] = _COS_ALPHA
+        offsets[:, 1, 2], offsets[:, 2, 1] = -_SIN_ALPHA, _SIN_ALPHA
+        return first, offsets
 
     def inverse_motion(
         self, poses: ArrayLike, velocities: ArrayLike, accelerations: ArrayLike

@@ -350,18 +350,19 @@ class GripPath:
     def stack(cls, paths: Sequence["GripPath"]) -> "GripPath":
         """Stack several batches into one, padded to the longest."""
         piece_count = max(path.coefficients.shape[1] for path in paths)
-        knots, coefficients, rolls = [], [], []
-        for path in paths:
-            pad = piece_count - path.coefficients.shape[1]
+        counts = np.cumsum([0, *(len(path) for path in paths)])
+        coefficients = np.zeros((counts[-1], piece_count, len(CHANNELS), DEGREE + 1))
+        knots, rolls = [], []
+        for path, first, last in zip(paths, counts, counts[1:], strict=False):
+            pieces = path.coefficients.shape[1]
+            pad = piece_count - pieces
             knots.append(np.pad(path.knots, ((0, 0), (0, pad)), mode="edge"))
-            end = path.evaluate(path.duration[:, None])[:, 0]
-            still = np.zeros((len(path), pad, len(CHANNELS), DEGREE + 1))
-            still[..., 0] = end[:, None]
-            coefficients.append(np.concatenate([path.coefficients, still], axis=1))
+            coefficients[first:last, :pieces] = path.coefficients
+            coefficients[first:last, pieces:, :, 0] = path.evaluate(path.duration[:, None])
             rolls.append(path._rolls(pad))
         return cls(
             knots=np.concatenate(knots),
-            coefficients=np.concatenate(coefficients),
+            coefficients=coefficients,
             roll=None if all(p.roll is None for p in paths) else np.concatenate(rolls),
         )
 

@@ -146,12 +146,13 @@ class Batch:
         path = self.build.Path()
         knots = self.sorted(grip_path.knots)
         path.knots = wp.array(knots.astype(self.layout.real), dtype=real, device=device)
-        coefficients = grip_path.coefficients.reshape(row_count, piece_count, -1)
-        roll = np.zeros((row_count, piece_count, 6)) if grip_path.roll is None else grip_path.roll
-        coefficients = self.sorted(np.concatenate([coefficients, roll], axis=-1))
-        path.coefficients = wp.array(
-            coefficients.astype(self.layout.real), dtype=real, device=device
-        )
+        coefficients = np.zeros((row_count, piece_count, 36), dtype=self.layout.real)
+        # Row by row: there may be gigabytes of them.
+        for row, source in enumerate(self.order if row_count > 1 else [0]):
+            coefficients[row, :, :30] = grip_path.coefficients[source].reshape(piece_count, -1)
+            if grip_path.roll is not None:
+                coefficients[row, :, 30:] = grip_path.roll[source]
+        path.coefficients = wp.array(coefficients, dtype=real, device=device)
         path.piece = wp.zeros((self.group_count, self.layout.lane_count), dtype=int, device=device)
         for name in ("piece_start", "piece_duration", "spin", "previous_spin", "roll"):
             setattr(path, name, self.zeros(self.group_count, dtype=self.build.lane))
