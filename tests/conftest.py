@@ -85,8 +85,9 @@ def small_fit():
 
     return FitConfig(
         start_count=2,
+        rough_iterations=1,
+        kept_start_count=1,
         coarse_iterations=1,
-        fine_start_count=1,
         fine_iterations=1,
         coarse_segment_count=10,
         coarse_dt=2e-3,

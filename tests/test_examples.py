@@ -53,8 +53,9 @@ SCRIPT = "01_cast_at_targets.py"
 SCRIPT_BUDGET = {
     '"virtual"': '"engine"',
     "cc.tune(casts)": (
-        "cc.tune(casts, config=cc.FitConfig(start_count=2, coarse_iterations=1, fine_iterations=1, "
-        "coarse_segment_count=10, coarse_dt=2e-3, ensemble_iterations=1))"
+        "cc.tune(casts, config=cc.FitConfig(start_count=2, rough_iterations=1, "
+        "coarse_iterations=1, fine_iterations=1, coarse_segment_count=10, coarse_dt=2e-3, "
+        "ensemble_iterations=1))"
     ),
     "count=4000": "count=100",
     "epochs=30": "epochs=5, candidate_count=300",

@@ -24,8 +24,9 @@ SEARCH = cc.FitConfig(
     # The cable of these rigs has no material.
     materials=(),
     start_count=2,
-    coarse_iterations=2,
-    fine_start_count=1,
+    rough_iterations=2,
+    kept_start_count=1,
+    coarse_iterations=1,
     fine_iterations=1,
     ensemble_iterations=1,
     coarse_segment_count=10,

@@ -24,8 +24,9 @@ pytest.importorskip("matplotlib")
 COARSE = {"segment_count": 6, "dt": 4e-3}
 SEARCH = cc.FitConfig(
     start_count=2,
+    rough_iterations=1,
+    kept_start_count=1,
     coarse_iterations=1,
-    fine_start_count=1,
     fine_iterations=1,
     coarse_segment_count=COARSE["segment_count"],
     coarse_dt=COARSE["dt"],

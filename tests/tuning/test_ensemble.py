@@ -16,7 +16,9 @@ from cablecast.tuning.tracks import TrackObjective
 from cablecast.tuning.tune import fit_params
 from cablecast.tuning.tuned import Tuned, load_tuned, write_params
 
-CONFIG = FitConfig(start_count=2, coarse_iterations=6, fine_start_count=1, fine_iterations=2)
+CONFIG = FitConfig(
+    start_count=2, rough_iterations=6, kept_start_count=1, coarse_iterations=1, fine_iterations=2
+)
 COARSE = {"segment_count": 10, "dt": 2e-3}
 
 
@@ -28,7 +30,7 @@ def few(tracks):
 @pytest.fixture(scope="module")
 def fitted(cable, few):
     engine = EngineWarp(**COARSE)
-    return fit_params(Setup(cable=cable), few, None, engine, engine, CONFIG)
+    return fit_params(Setup(cable=cable), few, None, (engine,) * 3, CONFIG)
 
 
 def test_the_first_material_is_that_of_the_cable_and_each_other_one_is_changed(cable):
@@ -89,7 +91,7 @@ def test_a_damaged_one_is_refused(fitted, cable, tmp_path, damage):
 def test_its_simulations_count_as_coarse_ones_and_none_is_made_without_steps(fitted, cable, few):
     engine = EngineWarp(**COARSE)
     without = dataclasses.replace(CONFIG, ensemble_iterations=0)
-    alone = fit_params(Setup(cable=cable), few, None, engine, engine, without)
+    alone = fit_params(Setup(cable=cable), few, None, (engine,) * 3, without)
     assert alone.members == ()
     more = fitted.metrics["coarse_simulation_count"] - alone.metrics["coarse_simulation_count"]
     assert more == fitted.metrics["simulation_count"] - alone.metrics["simulation_count"] > 0

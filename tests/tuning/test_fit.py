@@ -16,7 +16,9 @@ from cablecast.tuning.tracks import TrackObjective
 from cablecast.tuning.tune import fit_params
 from cablecast.tuning.tuned import load_tuned, write_params
 
-CONFIG = FitConfig(start_count=4, coarse_iterations=6, fine_start_count=2, fine_iterations=3)
+CONFIG = FitConfig(
+    start_count=4, rough_iterations=6, kept_start_count=2, coarse_iterations=1, fine_iterations=3
+)
 FRICTION = 0.12
 """The tracks of three casts tell friction about this well."""
 
@@ -29,7 +31,7 @@ def others(good):
 @pytest.fixture(scope="module")
 def result(cable, few, others):
     engine = EngineWarp(segment_count=10, dt=2e-3)
-    return fit_params(Setup(cable=cable), few, others, engine, engine, CONFIG)
+    return fit_params(Setup(cable=cable), few, others, (engine,) * 3, CONFIG)
 
 
 def test_three_casts_are_enough_to_predict_others(result, truth):
@@ -67,7 +69,7 @@ def test_a_bound_in_the_way_is_widened(cable, few, others, truth, engine):
     believed = dataclasses.replace(cable, params=stiff, deviations={"bend_stiffness": 30.0})
     told = []
     result = fit_params(
-        Setup(cable=believed), few, others, engine, engine, CONFIG, progress=told.append
+        Setup(cable=believed), few, others, (engine,) * 3, CONFIG, progress=told.append
     )
     # A range more to search moves no end away.
     assert len({one.total for one in told}) == 1
@@ -148,15 +150,14 @@ def test_a_fit_that_was_stopped_goes_on_at_its_step_with_the_same_result(
     parts = Parts(tmp_path)
     setup = Setup(cable=cable)
     with pytest.raises(KeyboardInterrupt):
-        fit_params(setup, few, others, engine, engine, CONFIG, checkpoint=parts, progress=stop)
+        fit_params(setup, few, others, (engine,) * 3, CONFIG, checkpoint=parts, progress=stop)
     assert len(list(tmp_path.iterdir())) == step
     taken = []
     again = fit_params(
         setup,
         few,
         others,
-        engine,
-        engine,
+        (engine,) * 3,
         CONFIG,
         checkpoint=parts,
         progress=lambda progress: taken.append(progress.done),

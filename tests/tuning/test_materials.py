@@ -18,8 +18,9 @@ from cablecast.tuning.tuned import load_tuned, write_params
 
 PLAIN = FitConfig(
     start_count=8,
-    coarse_iterations=8,
-    fine_start_count=1,
+    rough_iterations=8,
+    kept_start_count=1,
+    coarse_iterations=1,
     fine_iterations=2,
     materials=(),
     ensemble_iterations=0,
@@ -42,7 +43,7 @@ def tracks_of(cable, truth, tracks, **material):
 
 def fit(cable, tracks, config):
     engine = EngineWarp(**COARSE)
-    return fit_params(Setup(cable=cable), tracks, None, engine, engine, config)
+    return fit_params(Setup(cable=cable), tracks, None, (engine,) * 3, config)
 
 
 def miss(tuned):

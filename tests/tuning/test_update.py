@@ -15,8 +15,9 @@ from cablecast.tuning.tune import fit_params
 
 CONFIG = FitConfig(
     start_count=2,
-    coarse_iterations=6,
-    fine_start_count=1,
+    rough_iterations=6,
+    kept_start_count=1,
+    coarse_iterations=1,
     fine_iterations=1,
     # The cable of the updates has no material.
     materials=(),
@@ -44,7 +45,7 @@ def updated(objective, posterior, params):
 
 @pytest.fixture(scope="module")
 def posterior(engine, cable, few):
-    return fit_params(Setup(cable=cable), few, None, engine, engine, CONFIG).posterior
+    return fit_params(Setup(cable=cable), few, None, (engine,) * 3, CONFIG).posterior
 
 
 def slipped(params):

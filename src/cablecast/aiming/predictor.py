@@ -33,7 +33,7 @@ TYPICAL_FRICTION, DELICATE = 1.7, 0.065
 """Shift of the landing per relative change of the friction [cable lengths], where 1 degree, 1 cm
 and 1 % of the pace together shift it by so many cable lengths. It grows with the square of that."""
 
-SPREAD_COUNT = 240
+SPREAD_COUNT = 120
 """Simulated casts by which to judge how far apart the simulators of an ensemble typically land."""
 _SPREAD_SEED = 7
 

@@ -87,11 +87,16 @@ def tune(
     split = _split(tracks, config, validation_count)
     if engine != "warp" and isinstance(config, FitConfig):
         config = dataclasses.replace(config, materials=(), ensemble_iterations=0)
-    fine = coarse = make_engine(engine, segment_count, dt, device)
+    fine = rough = coarse = make_engine(engine, segment_count, dt, device)
     if isinstance(config, FitConfig):
-        coarse_count = min(config.coarse_segment_count, fine.segment_count)
-        coarse = make_engine(engine, coarse_count, max(config.coarse_dt, fine.dt), device)
-    engines = spread(coarse, workers), spread(fine, workers)
+        coarse, rough = (
+            make_engine(engine, min(count, fine.segment_count), max(step, fine.dt), device)
+            for count, step in (
+                (config.coarse_segment_count, config.coarse_dt),
+                (config.rough_segment_count, config.rough_dt),
+            )
+        )
+    engines = spread(rough, workers), spread(coarse, workers), spread(fine, workers)
     settings = {
         **casts.setup.to_settings(),
         "dataset_fingerprint": casts.fingerprint,
@@ -101,6 +106,7 @@ def tune(
         "path": tracks.path_source,
         "engine": engine_settings(fine),
         "coarse_engine": engine_settings(coarse),
+        "rough_engine": engine_settings(rough),
     }
     with folder_or_temporary(out) as folder:
         run = RunFolder.open(folder, "tune", settings)
@@ -120,7 +126,7 @@ def _search(
     run: RunFolder,
     casts: Dataset,
     split: tuple[MeasuredTracks, MeasuredTracks | None],
-    engines: tuple[Engine, Engine],
+    engines: tuple[Engine, Engine, Engine],
     config: FitConfig | TuneConfig,
     progress: ProgressCallback,
     keep: bool,
@@ -135,9 +141,9 @@ def _search(
         "progress": progress,
     }
     if isinstance(config, FitConfig):
-        tuned = fit_params(setup, training, validation, *engines, config, **kept)
+        tuned = fit_params(setup, training, validation, engines, config, **kept)
     else:
-        tuned = tune_params(setup, training, validation or training, engines[1], config, **kept)
+        tuned = tune_params(setup, training, validation or training, engines[2], config, **kept)
     tuned = dataclasses.replace(
         tuned.with_servo(None if servo is None else servo.model), fitted_to=casts.fingerprint
     )
@@ -150,7 +156,7 @@ def _search(
     }
     if keep:
         progress(Progress(task="Drawing the tracks"))
-        figure = _figure(tuned, validation or training, engines[1])
+        figure = _figure(tuned, validation or training, engines[2])
         write_bytes(run.path / TRACKS_FILE, figure)
         del values["history"]
         write_params(run.path, values)

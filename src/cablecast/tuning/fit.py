@@ -11,7 +11,7 @@ deciding the fit: each step solves the least-squares problem in which sample i o
 by the reciprocal of its distance.
 
 Derivatives are finite differences. All starting points times all coordinates times all casts are
-one batch of the engine, and five damping factors per starting point are another. A step takes two
+one batch of the engine, and three damping factors per starting point are another. A step takes two
 batches, however many starting points there are.
 """
 
@@ -42,7 +42,7 @@ others will be, for ten parameters adapt to them."""
 # Finite-difference step in unit coordinates: 2 % of a range is far above the noise of resting
 # points that friction decides, and well below the width of a fit.
 _DIFFERENCE = 0.02
-_DAMPINGS = np.array([1e-2, 1e-1, 1.0, 1e1, 1e2])
+_DAMPINGS = np.array([0.05, 1.0, 20.0])
 _DAMPING_MIN, _DAMPING_MAX = 1e-6, 1e6
 _LATERAL, _WORKSURFACE = (
     PAPER_PARAMS.index(name) for name in ("lateral_friction", "worksurface_friction")
@@ -59,10 +59,12 @@ class FitConfig:
 
     Attributes:
         start_count: Starting points: the believed values, and draws from what is believed.
-        coarse_iterations: Steps from each at the coarse resolution.
-        fine_start_count: Starting points that go on at full resolution, of the third of them that
-            the coarse steps leave.
-        fine_iterations: Steps of these.
+        rough_iterations: Steps from each at a resolution that is rougher still than the coarse one.
+        kept_start_count: Starting points that go on, of the third of them that these steps leave.
+        coarse_iterations: Steps from each of these at the coarse resolution.
+        fine_iterations: Steps from the third of them that is left, at full resolution.
+        rough_segment_count: Number of segments of the rough cable.
+        rough_dt: Step of the rough simulation [s].
         coarse_segment_count: Number of segments of the coarse cable. With 30, a rope with a damping
             time would just need steps shorter than `coarse_dt`.
         coarse_dt: Step of the coarse simulation [s].
@@ -74,9 +76,12 @@ class FitConfig:
     """
 
     start_count: int = 12
-    coarse_iterations: int = 8
-    fine_start_count: int = 4
+    rough_iterations: int = 6
+    kept_start_count: int = 4
+    coarse_iterations: int = 6
     fine_iterations: int = 4
+    rough_segment_count: int = 20
+    rough_dt: float = 2e-3
     coarse_segment_count: int = 28
     coarse_dt: float = 1e-3
     materials: tuple[str, ...] = FITTED_MATERIAL
@@ -87,14 +92,16 @@ class FitConfig:
         check_materials(self.materials)
         for name, low, high in (
             ("start_count", 1, 1000),
+            ("rough_iterations", 1, 1000),
+            ("kept_start_count", 1, 1000),
             ("coarse_iterations", 1, 1000),
-            ("fine_start_count", 1, 1000),
             ("fine_iterations", 1, 1000),
             ("ensemble_iterations", 0, 1000),
+            ("rough_segment_count", 2, 1000),
             ("coarse_segment_count", 2, 1000),
         ):
             check_count(name, getattr(self, name), low, high)
-        check_ranges(self, {"coarse_dt": (1e-7, 1e-2, "s")})
+        check_ranges(self, dict.fromkeys(("rough_dt", "coarse_dt"), (1e-7, 1e-2, "s")))
         check_seed(self.seed)
 
 

@@ -6,7 +6,7 @@ widened, and an ensemble. `tune_params` is the paper's Differential Evolution.
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,7 @@ from cablecast.tuning.space import (
 from cablecast.tuning.tracks import MeasuredTracks, TrackDistances, TrackObjective
 from cablecast.tuning.tuned import Tuned
 
-COARSE, FINE, ENSEMBLE = "coarse", "fine", "other physics"
+ROUGH, COARSE, FINE, ENSEMBLE = "rough", "coarse", "fine", "other physics"
 
 GENERATION_MAX = 20_000
 CANDIDATE_MAX = 100_000
@@ -158,25 +158,23 @@ def tune_params(
 # Part of the steps of a fit, and the share of its starting points that go on from there.
 _GO_ON = ((1 / 2, 1 / 2), (3 / 4, 1 / 3))
 
-# Processor time of a step for each of its points, over that of a coarse one with a material, as
-# measured; without one it takes a third. A batch of one point, as an ensemble has, is slow.
-_EFFORTS = {COARSE: 1.0, FINE: 2.2, ENSEMBLE: 3.0}
-_PLAIN_EFFORT = 1 / 3
+# Time of a step for each of its points, as measured, with a material and without one, over that of
+# a rough one without. A batch of one point, as an ensemble has, is slow.
+_EFFORTS = {ROUGH: (3, 1), COARSE: (6, 2), FINE: (18, 6), ENSEMBLE: (12, 4)}
 
 
-def _point_counts(count: int, iterations: int) -> Iterator[int]:
-    """Yield the number of points of each step of a fit."""
-    points = count
-    for done in range(iterations):
-        yield points
-        for part, share in _GO_ON:
-            if done + 1 == math.ceil(part * iterations):
-                points = math.ceil(share * count)
+def _point_counts(count: int, iterations: int) -> list[int]:
+    """Return the number of points of each step of a fit, and that which these leave."""
+    points = [count]
+    for done in range(1, iterations + 1):
+        left = [share for part, share in _GO_ON if done == math.ceil(part * iterations)]
+        points.append(math.ceil(left[-1] * count) if left else points[-1])
+    return points
 
 
-def _effort(stage: str, space: SearchSpace) -> float:
+def _effort(stage: str, space: SearchSpace) -> int:
     has_material = space.dimension > len(PAPER_PARAMS)
-    return _EFFORTS[stage] * (1.0 if has_material else _PLAIN_EFFORT)
+    return _EFFORTS[stage][0 if has_material else 1]
 
 
 class _Log:
@@ -185,18 +183,18 @@ class _Log:
     def __init__(self, cable: Cable, progress: ProgressCallback, total: int, stored: StoredSteps):
         self.cable, self.progress, self.total = cable, progress, total
         self.stored = stored
-        self.counts = {COARSE: 0, FINE: 0, ENSEMBLE: 0}
+        self.counts: dict[str, int] = dict.fromkeys(_EFFORTS, 0)
         self.history: list[tuple[str, float, float]] = []
         self.skipped = 0
         # Effort of the steps taken, and of all that are planned; none is planned for a search.
-        self.effort, self.planned = 0.0, 0.0
+        self.effort, self.planned = 0, 0
         self.begin("")
 
     def plan(self, stage: str, space: SearchSpace, count: int, iterations: int) -> int:
         """Count the effort of a fit from some points, and return how many of these are left."""
-        counts = list(_point_counts(count, iterations))
-        self.planned += _effort(stage, space) * sum(counts)
-        return counts[-1]
+        *steps, left = _point_counts(count, iterations)
+        self.planned += _effort(stage, space) * sum(steps)
+        return left
 
     def begin(self, name: str) -> None:
         """Begin a search or a fit with a name, whose losses are not compared with earlier ones."""
@@ -293,8 +291,7 @@ def fit_params(
     setup: Setup,
     training: MeasuredTracks,
     validation: MeasuredTracks | None,
-    coarse_engine: Engine,
-    engine: Engine,
+    engines: tuple[Engine, Engine, Engine],
     config: FitConfig | None = None,
     *,
     checkpoint: Parts | None = None,
@@ -306,8 +303,8 @@ def fit_params(
         setup: Set-up of the casts, with what is believed of its cable.
         training: Tracks to fit.
         validation: Tracks to measure the result with; the training tracks if None.
-        coarse_engine: Simulator of the first steps.
-        engine: Simulator of the last steps, at the resolution at which the result will be used.
+        engines: Simulators of the first steps, of the next and of the last, these at the resolution
+            at which the result will be used.
         config: Settings of the fit.
         checkpoint: Folder of the steps, from which the fit resumes.
         progress: Called after every step.
@@ -318,26 +315,29 @@ def fit_params(
     """
     config, cable = config or FitConfig(), setup.cable
     stored = StoredSteps(checkpoint)
-    fine = TrackObjective(engine, cable, training)
-    coarse = TrackObjective(coarse_engine, cable, training)
+    objectives = [TrackObjective(one, cable, training) for one in engines]
+    _, coarse_engine, engine = engines
     # A rod that has none of what a material adds, as a simulated one may, is followed worse with
     # it: what is typical of a real cable is wrong for it, and parameters make up for that.
     spaces = [SearchSpace.for_cable(cable, names) for names in (config.materials, ())]
     if spaces[0].names == spaces[1].names:
         del spaces[0]
     # As if all ranges were widened as often as they may be: the end of a bar must not move away.
-    steps = config.coarse_iterations + (1 + WIDEN_MAX) * config.fine_iterations
+    steps = config.rough_iterations + config.coarse_iterations
+    steps += (1 + WIDEN_MAX) * config.fine_iterations
     total = len(spaces) * steps + MEMBER_COUNT * config.ensemble_iterations
     log = _Log(cable, progress, total, stored)
     for space in spaces:
-        left = log.plan(COARSE, space, config.start_count, config.coarse_iterations)
-        log.plan(FINE, space, min(left, config.fine_start_count), config.fine_iterations)
+        left = log.plan(ROUGH, space, config.start_count, config.rough_iterations)
+        kept = min(left, config.kept_start_count)
+        left = log.plan(COARSE, space, kept, config.coarse_iterations)
+        log.plan(FINE, space, left, config.fine_iterations)
     for _ in range(MEMBER_COUNT if config.ensemble_iterations else 0):
         log.plan(ENSEMBLE, spaces[-1], 1, config.ensemble_iterations)
     fits = []
     for number, space in enumerate(spaces, start=1):
         log.begin(f"fit {number} of {len(spaces)}, ")
-        fits.append(_fit_in(space, coarse, fine, config, log))
+        fits.append(_fit_in(space, objectives, config, log))
     log.begin("")
     likeliest = min(fits, key=lambda fit: fit.neg_log_posterior)
     state, posterior = likeliest.state, likeliest.posterior
@@ -345,7 +345,7 @@ def fit_params(
     members = ()
     if config.ensemble_iterations:
         members = fit_ensemble(
-            TrackFit(coarse, posterior.space, posterior.prior),
+            TrackFit(objectives[1], posterior.space, posterior.prior),
             params,
             state.misfit,
             lambda fit, state: log.run_fit(ENSEMBLE, fit, state, config.ensemble_iterations),
@@ -395,32 +395,32 @@ class _Fit:
 
 
 def _fit_in(
-    space: SearchSpace,
-    coarse: TrackObjective,
-    fine: TrackObjective,
-    config: FitConfig,
-    log: _Log,
+    space: SearchSpace, objectives: Sequence[TrackObjective], config: FitConfig, log: _Log
 ) -> _Fit:
     """Fit the parameters of a space, wider than given where the casts push against a bound.
 
-    The first steps are those of the coarse objective; the log records every step.
+    The objectives are those of the first, the next and the last steps; the log records every step.
     """
+    rough, coarse, fine = objectives
     cable = fine.cable
     prior = ParamPrior.for_cable(cable, space)
-    fit = TrackFit(coarse, space, prior)
-    state = fit.start(prior.draw(config.start_count, config.seed), MISFIT_START)
-    state = log.run_fit(COARSE, fit, state, config.coarse_iterations)
-    points = state.best(config.fine_start_count).points
+    points, misfit = prior.draw(config.start_count, config.seed), MISFIT_START
+    for stage, objective, iterations in (
+        (ROUGH, rough, config.rough_iterations),
+        (COARSE, coarse, config.coarse_iterations),
+    ):
+        fit = TrackFit(objective, space, prior)
+        state = log.run_fit(stage, fit, fit.start(points, misfit), iterations)
+        points, misfit = state.best(config.kept_start_count).points, state.misfit
     for attempt in range(WIDEN_MAX + 1):
         fit = TrackFit(fine, space, ParamPrior.for_cable(cable, space))
-        state = fit.start(points, state.misfit)
-        state = log.run_fit(FINE, fit, state, config.fine_iterations)
+        state = log.run_fit(FINE, fit, fit.start(points, misfit), config.fine_iterations)
         posterior = _posterior(fit, state)
         wider = None if attempt == WIDEN_MAX else _widened(posterior, space, cable)
         if wider is None:
             log.skipped += (WIDEN_MAX - attempt) * config.fine_iterations
             break
-        points = state.best(config.fine_start_count).points.copy()
+        points, misfit = state.points.copy(), state.misfit
         log.plan(FINE, wider, len(points), config.fine_iterations)
         ten = len(PAPER_PARAMS)
         points[:, :ten] = wider.to_unit(space.to_params(points))[:, :ten]
