@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from statistics import NormalDist
 
 import numpy as np
@@ -47,8 +47,9 @@ DERIVED = {
 
 
 def comment(lines: Iterable[str]) -> str:
-    """Return lines as the text of a comment of XML, which must not hold two hyphens in a row."""
-    return re.sub("-(?=-)", "- ", "\n".join(lines))
+    """Return lines as a comment of XML, which must not hold two hyphens in a row."""
+    text = re.sub("-(?=-)", "- ", "\n".join(lines))
+    return f"<!--\n{text}\n-->"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -122,7 +123,7 @@ class CableModel:
         middle = float(np.asarray(best.friction))
         return found | {"friction": (max(middle - half, 0.0), middle + half)}
 
-    def lines(self, target: str, dropped: Iterable[str]) -> list[str]:
+    def lines(self, target: str, dropped: Sequence[str]) -> list[str]:
         """Return the comment at the head of a file, line by line.
 
         Args:
@@ -160,7 +161,6 @@ class CableModel:
                 "Of a value without an interval the uncertainty is not known.",
                 *posterior.sentences(),
             ]
-        dropped = list(dropped)
         if dropped:
             lines += ["", f"What this model for {target} leaves out or changes:"]
             lines += [f"  - {sentence}" for sentence in dropped]

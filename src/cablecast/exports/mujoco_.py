@@ -44,14 +44,12 @@ def chain_xml(model: CableModel, *, rolls: bool = False) -> str:
     """
     value, count, length = model.value, model.segment_count, model.segment_length
     radius, mass, tail = model.cable.radius, model.segment_mass, model.attachment_length
-    bodies, ends = [], []
-    for index in range(count):
-        bodies.append(
-            f'<body name="segment_{index}" pos="0 {length if index else 0:.9g} 0">'
-            + _hinges(model, index)
-            + _rod(f"segment_{index}", length, radius, mass, _drag(model, length))
-        )
-        ends.append("</body>")
+    bodies = [
+        f'<body name="segment_{index}" pos="0 {length if index else 0:.9g} 0">'
+        + _hinges(model, index)
+        + _rod(f"segment_{index}", length, radius, mass, _drag(model))
+        for index in range(count)
+    ]
     end_mass, tip = value("endpoint_mass"), f'<site name="tip" pos="0 {length:.9g} 0"/>'
     if tail:
         tip += (
@@ -69,10 +67,10 @@ def chain_xml(model: CableModel, *, rolls: bool = False) -> str:
     pairs = [_pair(model, f"segment_{index}", arm) for index in range(count)]
     if tail:
         pairs.append(_pair(model, "attachment", arm, value("attachment_friction_ratio")))
-    chain = "\n".join([*bodies, tip + "".join(ends)])
+    chain = "\n".join([*bodies, tip + "</body>" * count])
     contacts = "\n".join(pairs)
     facts = model.lines("MuJoCo (a chain of capsules)", _dropped_by_chain(model))
-    return f"""{_comment(facts)}
+    return f"""{comment(facts)}
 <mujoco model="{model.cable.name}">
 <compiler angle="radian" autolimits="true"/>
 <option integrator="discrete" timestep="{CHAIN_DT}" cone="elliptic" gravity="0 0 -{GRAVITY}"
@@ -106,7 +104,9 @@ def _hinges(model: CableModel, index: int) -> str:
     """Return the hinges of a joint at which the cable bends and twists."""
     value, cell, bend = model.value, model.cells[index], model.springs[index]
     twist = value("twist_stiffness") / cell
-    time, rest = _damping_time(model), value("rest_curvature") * cell
+    # At least a step: an undamped chain breaks where it whips.
+    time = max(value("damping_time"), CHAIN_DT)
+    rest = value("rest_curvature") * cell
     limit = value("bend_stiffness") * value("yield_curvature")
     text = ""
     for name, axis, rest_angle in (("side", "0 0 1", rest), ("lift", "1 0 0", 0.0)):
@@ -125,11 +125,6 @@ def _hinges(model: CableModel, index: int) -> str:
         f'<joint name="twist_{index}" type="hinge" axis="0 1 0" stiffness="{twist:.6g}" '
         f'damping="{time * twist:.6g}"/>'
     )
-
-
-def _damping_time(model: CableModel) -> float:
-    """Return the damping time [s], at least a step: an undamped chain breaks where it whips."""
-    return max(model.value("damping_time"), CHAIN_DT)
 
 
 def _armature(model: CableModel) -> float:
@@ -153,13 +148,13 @@ def _rod(name: str, length: float, radius: float, mass: float, drag: float) -> s
     )
 
 
-def _drag(model: CableModel, length: float) -> float:
+def _drag(model: CableModel) -> float:
     """Return the blunt drag coefficient of a capsule's ellipsoid whose drag is that of the cable.
 
     MuJoCo's force is density x coefficient x pi a c x speed², a and c being the half axes of the
     ellipsoid; ours is 1/2 density x drag coefficient x diameter x length x speed².
     """
-    radius = model.cable.radius
+    radius, length = model.cable.radius, model.segment_length
     return model.value("drag_coefficient") * length / (math.pi * (0.5 * length + radius))
 
 
@@ -235,8 +230,4 @@ def flex_xml(model: CableModel) -> str:
         f"w = {SERVO_OMEGA:g} rad/s.",
     ]
     xml = rod_model(model.cable, model.segment_count, FLEX_DT, GRAVITY, held=False, values=True)
-    return f"{_comment(facts)}\n{xml}\n"
-
-
-def _comment(lines: list[str]) -> str:
-    return f"<!--\n{comment(lines)}\n-->"
+    return f"{comment(facts)}\n{xml}\n"

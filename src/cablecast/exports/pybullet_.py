@@ -56,11 +56,15 @@ def urdf(model: CableModel) -> str:
     if model.value("endpoint_mass") and not model.attachment_length:
         links.append(_link("attachment", model.value("endpoint_mass"), 1e-9, 0.0, radius))
         joints.append(_joint("end", "fixed", parent, "attachment", at))
-    text = comment(model.lines("PyBullet", dropped(model)))
+    facts = [
+        *model.lines("PyBullet", dropped(model)),
+        "",
+        "The springs are not part of URDF: the script next to this file sets them.",
+    ]
     body = "\n".join(links + joints)
     return (
-        f'<?xml version="1.0"?>\n<!--\n{text}\n\nThe springs are not part of URDF: the script '
-        f'next to this file sets them.\n-->\n<robot name="{model.cable.name}">\n{body}\n</robot>\n'
+        f'<?xml version="1.0"?>\n{comment(facts)}\n'
+        f'<robot name="{model.cable.name}">\n{body}\n</robot>\n'
     )
 
 
