@@ -45,7 +45,7 @@ def test_each_generation_is_told_by_its_version_and_asked_only_what_it_can_answe
     try:
         assert link.version == GENERATIONS[name].version[:3]
         assert link.has_dashboard == (name != "polyscope-x")
-        report = check_ready(link, setup.robot)
+        report = check_ready(link)
         assert report.payload == setup.robot.payload_mass
         if name != "polyscope-x":
             return
@@ -88,7 +88,7 @@ def test_local_control_is_refused_where_it_can_be_asked_for(twin):
         make(process, "local_control")
         if name == "e-series":
             with pytest.raises(RigError, match="switch the pendant to remote control"):
-                check_ready(link, setup.robot)
+                check_ready(link)
         link.send_program("def cablecast_none():\n  stopj(2)\nend\n")
         deadline = time.monotonic() + 30.0
         while time.monotonic() < deadline:
@@ -115,7 +115,7 @@ def test_a_program_that_hangs_is_ended_with_and_without_a_dashboard(twin):
             time.sleep(0.01)
         assert process.admin.state()["program"] == "hang"
         with pytest.raises(RigError, match="another program runs on the controller"):
-            check_ready(link, setup.robot)
+            check_ready(link)
         link.stop_program()
         while process.admin.state()["program"]:
             assert time.monotonic() < deadline

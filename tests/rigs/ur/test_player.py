@@ -48,8 +48,8 @@ def link(twin):
 
 
 @pytest.fixture
-def player(link, twin):
-    return ProgramPlayer(link, twin[1].robot)
+def player(link):
+    return ProgramPlayer(link)
 
 
 def way(link, setup, turn=0.3, speed=0.6):
@@ -92,7 +92,8 @@ def test_a_fault_in_the_motion_stops_the_arm_and_says_what_to_do(
     process, setup = twin
     points = way(link, setup, turn=0.6)
     if fault == "network_lost":
-        player = ProgramPlayer(link, dataclasses.replace(setup.robot, watchdog=WATCHDOG))
+        link.robot = dataclasses.replace(link.robot, watchdog=WATCHDOG)
+        player = ProgramPlayer(link)
     link.set_phase(RigPhase.CAST)
     process.admin.fault(fault, "cast", 0.5)
     with pytest.raises(error, match=words):
@@ -105,8 +106,8 @@ def test_a_fault_in_the_motion_stops_the_arm_and_says_what_to_do(
     # A person has cleared it: the next motion goes.
     again = UrLink(setup.robot)
     try:
-        check_ready(again, setup.robot)
-        ProgramPlayer(again, setup.robot).play("cablecast_test", way(again, setup))
+        check_ready(again)
+        ProgramPlayer(again).play("cablecast_test", way(again, setup))
     finally:
         again.close()
 
@@ -119,7 +120,7 @@ def test_a_fault_in_the_motion_stops_the_arm_and_says_what_to_do(
     ],
 )
 def test_nothing_moves_where_the_controller_is_not_ready(link, twin, fault, words):
-    process, setup = twin
+    process = twin[0]
     process.admin.fault(fault)
     deadline = time.monotonic() + 60.0
     while process.admin.state()["faults"] and time.monotonic() < deadline:
@@ -127,7 +128,7 @@ def test_nothing_moves_where_the_controller_is_not_ready(link, twin, fault, word
     for _ in range(3):
         link.wait_for_report()
     with pytest.raises(RigError, match=words):
-        check_ready(link, setup.robot)
+        check_ready(link)
 
 
 def test_a_motion_from_elsewhere_is_refused(link, player, twin):
@@ -185,7 +186,7 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
 
             # A play that fails ends the process, with its error and not by the kill.
             threading.Thread(target=kill, daemon=True).start()
-            ProgramPlayer(link, setup.robot).play("cablecast_test", points)
+            ProgramPlayer(link).play("cablecast_test", points)
             """
         )
     )

@@ -33,7 +33,7 @@ def player():
         box_high=(2.0, 2.0, 2.0),
     )
     link = UrLink(robot)
-    yield ProgramPlayer(link, robot)
+    yield ProgramPlayer(link)
     link.close()
 
 
@@ -43,7 +43,7 @@ def turn(player, angle):
 
 
 def test_the_controller_carries_a_program_out_to_its_end(player):
-    check_ready(player.link, player.robot)
+    check_ready(player.link)
     for angle in (0.5, -0.5):
         points = turn(player, angle)
         player.play("cablecast_test", points)
@@ -53,7 +53,7 @@ def test_the_controller_carries_a_program_out_to_its_end(player):
 
 
 def test_the_controller_takes_a_program_of_twenty_kilobytes(player):
-    check_ready(player.link, player.robot)
+    check_ready(player.link)
     q = player.link.wait_for_report().q
     count = 151
     times = np.arange(count) * 0.04
@@ -70,7 +70,7 @@ def test_the_controller_takes_a_program_of_twenty_kilobytes(player):
 
 
 def test_the_controller_stops_when_the_heart_does_not_beat(player, monkeypatch):
-    check_ready(player.link, player.robot)
+    check_ready(player.link)
     monkeypatch.setattr(player.link, "keep_alive", lambda: None)
     with pytest.raises(CastAbortedError, match="heard nothing of this computer"):
         player.play("cablecast_test", turn(player, 0.5))

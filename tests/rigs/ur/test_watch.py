@@ -46,9 +46,12 @@ def ready(version=(3, 15, 8), remote="true", **changes):
     answers = {"is in remote control": remote} if (5, 6) <= version < (10,) else {}
     changes = {"is_playing": False} | changes
     link = SimpleNamespace(
-        wait_for_report=lambda: report(**changes), ask=answers.__getitem__, version=version
+        robot=ROBOT,
+        wait_for_report=lambda: report(**changes),
+        ask=answers.__getitem__,
+        version=version,
     )
-    return check_ready(link, ROBOT)
+    return check_ready(link)
 
 
 def test_a_controller_that_is_ready_is_taken():
@@ -86,7 +89,7 @@ def test_nothing_moves_on_a_controller_that_is_not_ready(state, words):
 class ScriptedLink:
     """Reports a motion tick by tick, with a fault from one of them on, and notes commands."""
 
-    is_alive = True
+    robot, is_alive = ROBOT, True
 
     def __init__(self, fault, is_paused=False):
         self.fault, self.is_paused = fault, is_paused
@@ -128,7 +131,7 @@ class ScriptedLink:
 
 
 def play(link):
-    return ProgramPlayer(link, ROBOT).play("cast", CURVE)
+    return ProgramPlayer(link).play("cast", CURVE)
 
 
 def test_a_motion_that_is_as_it_should_be_is_kept_from_its_start():

@@ -52,7 +52,7 @@ class DriverUR:
         """Connect where needed, and refuse an arm that may not move; see `ArmDriver`."""
         link = self._connected()
         start = time.monotonic()
-        report = check_ready(link, self.robot)
+        report = check_ready(link)
         asked = time.monotonic() - start
         version = ".".join(map(str, link.version))
         payload = "not reported" if report.payload is None else f"{report.payload:.2f} kg"
@@ -73,7 +73,7 @@ class DriverUR:
         """Play a motion to its end, watch it, and stop the arm if anything is not as it should."""
         link = self._connected()
         link.set_phase(phase)
-        return ProgramPlayer(link, self.robot).play(name, curve)
+        return ProgramPlayer(link).play(name, curve)
 
     def check_standing(self) -> None:
         """Refuse an arm that is not as the lab file says, from a new report."""
@@ -86,9 +86,11 @@ class DriverUR:
     def stop(self) -> None:
         """Stop a program of ours that runs; one that is not ours goes on."""
         link = self._link
-        newest = link.reports[-1] if link is not None and link.is_alive else None
-        if link and newest and newest.is_playing and newest.state in UNDER_WAY:
-            ProgramPlayer(link, self.robot).stop()
+        if link is None or not link.is_alive:
+            return
+        newest = link.reports[-1]
+        if newest.is_playing and newest.state in UNDER_WAY:
+            ProgramPlayer(link).stop()
 
     def close(self) -> None:
         """Disconnect; may be called twice."""

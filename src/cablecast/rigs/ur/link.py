@@ -430,7 +430,7 @@ def check_arm(version: Version, model: str) -> None:
         )
 
 
-def check_ready(link: UrLink, robot: RobotUR) -> Report:
+def check_ready(link: UrLink) -> Report:
     """Refuse to move unless the controller is ready for it, and return its newest report.
 
     Raises:
@@ -443,7 +443,7 @@ def check_ready(link: UrLink, robot: RobotUR) -> Report:
                 "another program runs on the controller, and a cast would replace it: stop it on "
                 "the pendant. The same command resumes"
             )
-    check_report(report, robot)
+    check_report(report, link.robot)
     # RTDE tells all the rest; of PolyScope X nobody tells it.
     if _REMOTE_CONTROL_SINCE <= link.version < (POLYSCOPE_X, 0, 0):
         answer = link.ask("is in remote control")

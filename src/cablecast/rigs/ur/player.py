@@ -9,7 +9,6 @@ import numpy as np
 from cablecast.errors import CablecastError, RigError, StoppedError
 from cablecast.rigs.driver import CastAbortedError, MotionRecord
 from cablecast.rigs.path import JointCurve
-from cablecast.rigs.ur.config import RobotUR
 from cablecast.rigs.ur.link import SPEED_TOLERANCE, Report, UrLink, check_safe
 from cablecast.rigs.ur.program import (
     TICK_DT,
@@ -37,14 +36,12 @@ class ProgramPlayer:
 
     Args:
         link: Connection to the controller.
-        robot: Settings of servoj and of the watchdogs.
     """
 
     _numbers = itertools.count(1)
 
-    def __init__(self, link: UrLink, robot: RobotUR):
-        self.link = link
-        self.robot = robot
+    def __init__(self, link: UrLink):
+        self.link, self.robot = link, link.robot
 
     def play(self, name: str, curve: JointCurve) -> MotionRecord:
         """Play a motion to its end, and stop the arm if anything is not as it should be.

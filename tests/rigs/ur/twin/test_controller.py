@@ -174,7 +174,7 @@ def test_the_dashboard_answers_as_the_makers_does(twin_setup, home):
 
 
 def test_every_variable_that_rtde_names_can_be_packed_and_read_back(controller):
-    state = RtdeServer(controller).state()
+    state = RtdeServer(controller, 0, lambda: None).state()
     names = tuple(OUTPUTS)
     recipe = Recipe(1, names, tuple(OUTPUTS.values()))
     packed = recipe.pack(state)

@@ -198,9 +198,7 @@ class TwinLaboratory:
             self.cable = LiveCable(setup, lab, config.seed)
         # Phases that were said since the last tick: a slow tick may miss a short one.
         self._said: set[str] = set()
-        self.rtde = RtdeServer(
-            self.controller, config.seed, heard=lambda: self._said.add(self.phase)
-        )
+        self.rtde = RtdeServer(self.controller, config.seed, lambda: self._said.add(self.phase))
         self.faults: list[Fault] = []
         self._robot_servers = set(_ROBOT_SERVERS)
         if not self.controller.generation.has_dashboard:
@@ -477,8 +475,8 @@ class TwinLaboratory:
         """Start a controller that had no power."""
         self._restart_at = None
         self.controller.boot()
+        self.servers.drop(self._robot_servers)
         for name in self._robot_servers:
-            self.servers.drop({name})
             self.servers.listen(name)
         self.controller.log("powered up")
 

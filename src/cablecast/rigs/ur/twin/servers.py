@@ -230,9 +230,7 @@ class RtdeServer:
         heard: Called after each package of inputs.
     """
 
-    def __init__(
-        self, controller: Controller, seed: int = 0, heard: Callable[[], None] = lambda: None
-    ):
+    def __init__(self, controller: Controller, seed: int, heard: Callable[[], None]):
         self.controller = controller
         self.heard = heard
         self.lost_until = -1.0
