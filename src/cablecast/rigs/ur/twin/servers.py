@@ -248,7 +248,7 @@ class RtdeServer:
         try:
             for kind, payload in client.state["reader"].feed(data):
                 self._answer(client, kind, payload, others)
-        except (ValueError, IndexError, UnicodeDecodeError, LookupError):
+        except (ValueError, LookupError, struct.error):
             self.controller.log("RTDE client sent nonsense")
             client.open = False
 
