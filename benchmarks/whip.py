@@ -21,15 +21,14 @@ import numpy as np
 from benchmarks.result import Table, code_key
 from benchmarks.whip_world import (
     DT,
-    HIGH,
     LINKS,
-    LOW,
     SAMPLE_DT,
     TARGETS,
     Whip,
     World,
     durations,
     hand,
+    moves,
 )
 from cablecast.cable import Cable
 from cablecast.conventions import Array
@@ -178,7 +177,7 @@ class Search:
         from scipy.stats import qmc
 
         units = qmc.Sobol(9, rng=self.rng).random(DRAWN)
-        values = LOW + units * (HIGH - LOW)
+        values = moves(units)
         start, end = hand(values[:, :4]), hand(values[:, 4:8])
         way = self.target / np.linalg.norm(self.target)
         normal = np.cross(start, end)
@@ -275,13 +274,11 @@ class WhipModel:
 
     def play(self, motion: tuple[Array, float], cables: Sequence[Cable]) -> SimpleNamespace:
         """Return the tips of whips at every `SAMPLE_DT` [m], shape [whip, sample, 3]."""
-        every = round(SAMPLE_DT / MODEL_DT)
-        tips = [simulated(cable).swing(*motion)[::every] for cable in cables]
-        return SimpleNamespace(tip=np.array(tips))
+        return SimpleNamespace(tip=np.array([simulated(cable)(*motion) for cable in cables]))
 
 
-def simulated(cable: Cable) -> World:
-    """Return the model of a whip."""
+def simulated(cable: Cable) -> Callable[..., Array]:
+    """Return the model of a whip: the tip of a move at every `SAMPLE_DT` [m], as `World.swing`."""
     params = cable.params
     whip = Whip(
         length=cable.length,
@@ -290,7 +287,8 @@ def simulated(cable: Cable) -> World:
         damping_time=float(params.damping_time),
         node_count=MODEL_NODES,
     )
-    return World(whip, MODEL_DT)
+    world, every = World(whip, MODEL_DT), round(SAMPLE_DT / MODEL_DT)
+    return lambda *motion: world.swing(*motion)[::every]
 
 
 def search(number: int, seed: int) -> dict[str, Any]:
@@ -324,7 +322,7 @@ def transfer(number: int, seed: int, tries: int) -> dict[str, Any]:
                 steps=6,
                 seed=len(seen),
             )
-            play = corrected(simulated(posterior.cable), seen)
+            play = corrected(simulated(posterior.cable), seen[-1])
             aim = Search(play, target, seed, within=0.1 * HIT)
             unit = aim.run([one.unit for one in seen]).unit
         seconds.append(time.process_time() - start)
@@ -340,7 +338,7 @@ def transfer(number: int, seed: int, tries: int) -> dict[str, Any]:
 
 def robust(belief: TipBelief, target: Array, seed: int) -> Array:
     """Return the first try: of good moves of the most likely whip, the one that most whips bear."""
-    found = Search(tips_of(simulated(BELIEVED)), target, seed, within=0.0)
+    found = Search(simulated(BELIEVED), target, seed, within=0.0)
     found.run()
     units: list[Array] = []
     for point in sorted(found.points, key=lambda point: point.miss):
@@ -349,20 +347,13 @@ def robust(belief: TipBelief, target: Array, seed: int) -> Array:
         if len(units) == CANDIDATES:
             break
     drawn = belief.draw(BELIEVED_COUNT, np.random.default_rng(seed))
-    plays = [tips_of(simulated(cable)) for cable in belief.cables(drawn)]
+    plays = [simulated(cable) for cable in belief.cables(drawn)]
     misses = [[Point.of(unit, play(unit), target).miss for play in plays] for unit in units]
     return units[int(np.argmin(np.mean(misses, axis=1)))]
 
 
-def tips_of(model: World) -> Callable[[Array], Array]:
-    """Return a simulation that gives the tip at every `SAMPLE_DT`."""
-    every = round(SAMPLE_DT / MODEL_DT)
-    return lambda unit: model.swing(unit)[::every]
-
-
-def corrected(model: World, seen: Sequence[TipSwing]) -> Callable[[Array], Array]:
-    """Return a simulation to which is added what it gets wrong of the last try, near it."""
-    plain, last = tips_of(model), seen[-1]
+def corrected(plain: Callable[[Array], Array], last: TipSwing) -> Callable[[Array], Array]:
+    """Return a model to which is added what it gets wrong of the last try, near it."""
     # A longer move than the last is followed for longer than that was seen.
     error = np.zeros((round(float(durations(np.ones((1, 9)))[0]) / SAMPLE_DT) + 2, 3))
     played = plain(last.unit)

@@ -69,6 +69,11 @@ class Whip:
     node_count: int = 25
 
 
+def moves(units: Array) -> Array:
+    """Return the numbers of moves, in the units of `LOW` and `HIGH`, shape [move, 9]."""
+    return LOW + np.clip(units, 0.0, 1.0) * (HIGH - LOW)
+
+
 def postures(units: Array, times: Array) -> tuple[Array, Array]:
     """Return the postures that pull the arm [rad], and their rates [rad/s], [move, step, joint].
 
@@ -76,7 +81,7 @@ def postures(units: Array, times: Array) -> tuple[Array, Array]:
         units: Moves in unit coordinates, shape [move, 9].
         times: Times since the start [s], shape [step].
     """
-    values = LOW + np.clip(units, 0.0, 1.0) * (HIGH - LOW)
+    values = moves(units)
     start, end, duration = values[:, None, :4], values[:, None, 4:8], values[:, None, 8:]
     s = np.clip(times[:, None] / duration, 0.0, 1.0)
     q = start + (end - start) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
@@ -86,7 +91,7 @@ def postures(units: Array, times: Array) -> tuple[Array, Array]:
 
 def durations(units: Array) -> Array:
     """Return the duration of runs of moves [s], shape [move]."""
-    return RUN * (LOW[8] + np.clip(units[:, 8], 0.0, 1.0) * (HIGH[8] - LOW[8]))
+    return RUN * moves(units)[:, 8]
 
 
 def hand(q: Array) -> Array:
