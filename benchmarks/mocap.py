@@ -32,7 +32,6 @@ from cablecast.runs.folder import Parts, fingerprint
 
 LINEAR_DENSITY = 0.02
 """Mass per length [kg/m]: without contact only stiffness over mass matters."""
-SIDES = ("low", "high")
 SMOOTH = 2e-3
 """Distance below which an error counts by its square [m]."""
 ARC_FRAMES, ARC_POINTS = 10, 50
@@ -98,11 +97,6 @@ class Unknown:
     def coordinate(self, value: float) -> float:
         """Return the coordinate of the fit that stands for a number."""
         return float(np.log(value)) if self.logarithmic else value
-
-    @property
-    def x(self) -> float:
-        """Coordinate of the start."""
-        return self.coordinate(self.start)
 
     @property
     def step(self) -> float:
@@ -326,7 +320,7 @@ class Player:
             ]
         )
 
-    def scene(self, row: int, values: dict[str, float]) -> "Scene":
+    def scene(self, row: int, values: dict[str, float]) -> Scene:
         """Return what the engine needs to play a sequence with given numbers."""
         sequences, count, times = self.sequences, self.args.segment_count, self.sequences.times
         near = sequences.grip(row, HELD - 1, 0, values.get("near_offset", 0.0), 1.0)
@@ -409,11 +403,8 @@ def fit(
         starts: Number of starts, apart from this one.
     """
     rng = np.random.default_rng(0)
-    bounds = [[u.coordinate(getattr(u, side)) for u in unknowns] for side in SIDES]
-    first = [np.array([u.x for u in unknowns])]
-    if known is not None:
-        first.append(np.array([u.coordinate(known.get(u.name, u.start)) for u in unknowns]))
-    drawn = rng.uniform(*bounds, size=(DRAWS * (starts - 1), len(unknowns)))
+    first = [coordinates_of(unknowns, found) for found in ({}, known) if found is not None]
+    drawn = rng.uniform(*bounds_of(unknowns), size=(DRAWS * (starts - 1), len(unknowns)))
     drawn = sorted(drawn, key=lambda x: loss(player.errors(values_of(unknowns, x)).reshape(-1, 3)))
     found = [descend(player, unknowns, iterations, x) for x in (*first, *drawn[: starts - 1])]
     return min(found, key=lambda result: result[0])[1]
@@ -422,6 +413,16 @@ def fit(
 def values_of(unknowns: tuple[Unknown, ...], x: Array) -> dict[str, float]:
     """Return the numbers at some coordinates."""
     return {u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)}
+
+
+def coordinates_of(unknowns: tuple[Unknown, ...], values: dict[str, float]) -> Array:
+    """Return the coordinates of some numbers; those that are missing are at their start."""
+    return np.array([u.coordinate(values.get(u.name, u.start)) for u in unknowns])
+
+
+def bounds_of(unknowns: tuple[Unknown, ...]) -> Array:
+    """Return the lowest and the highest coordinates, shape [2, unknown]."""
+    return np.array([[u.coordinate(u.low), u.coordinate(u.high)] for u in unknowns]).T
 
 
 def loss(errors: Array) -> float:
@@ -437,7 +438,7 @@ def descend(
     def residuals(x: Array) -> Array:
         return player.errors(values_of(unknowns, x)).reshape(-1, 3)
 
-    low, high = (np.array([u.coordinate(getattr(u, side)) for u in unknowns]) for side in SIDES)
+    low, high = bounds_of(unknowns)
     errors, damping = residuals(x), 1e-2
     for _ in range(iterations):
         slopes = np.stack(
