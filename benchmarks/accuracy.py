@@ -230,7 +230,7 @@ def study(cable: Cable, paths: GripPath, args: SensitivityArgs) -> tuple[list[tu
 
     state = reset_state(cable, paths, args.fine)
     fine = land(cable, paths, args.fine, FINE_DT, **TO_THE_END)
-    moved, rows = {}, []
+    gains, rows = [], []
     for perturbation in PERTURBATIONS:
         distances = []
         for sign in (1.0, -1.0):
@@ -238,14 +238,12 @@ def study(cable: Cable, paths: GripPath, args: SensitivityArgs) -> tuple[list[tu
             landing = land(cable, paths, args.fine, FINE_DT, start, **TO_THE_END)
             distances.append(landing_error_pct(landing, fine, cable))
         # The larger of both directions: near a fold a cast may be insensitive to one of them.
-        moved[perturbation] = np.maximum(*distances)
-        gain = moved[perturbation] / (100.0 * perturbation.size(cable) / cable.length)
-        percentiles = np.percentile([moved[perturbation], gain], [50, 90], axis=1).T
+        moved = np.maximum(*distances)
+        gains.append(moved / (100.0 * perturbation.size(cable) / cable.length))
+        percentiles = np.percentile([moved, gains[-1]], [50, 90], axis=1).T
         rows.append((cable.name, str(perturbation), *percentiles.ravel()))
     # The small turn and the small bow stay in the linear range; the larger of both is the gain.
-    gain = np.maximum(
-        *(moved[p] / (100.0 * p.size(cable) / cable.length) for p in PERTURBATIONS[::2])
-    )
+    gain = np.maximum(*gains[::2])
     sensitive = gain >= np.percentile(gain, 75)
     errors = []
     for segment_count, dt in COARSE:

@@ -51,23 +51,21 @@ class WaitsArgs:
     """Skip the warm-up run: times then include the compilation of missing kernels."""
 
 
-class Waits:
-    """Seconds of the clock and of all cores of this process, by what was waited for."""
+def time_session(cable: str, args: WaitsArgs) -> dict[str, list[tuple[float, float]]]:
+    """Prepare a session, aim, and open it again; the rig's own time is not counted.
 
-    def __init__(self):
-        self.seconds: dict[str, list[tuple[float, float]]] = {}
+    Returns:
+        Seconds of the clock and of all cores of this process, by what was waited for.
+    """
+    seconds: dict[str, list[tuple[float, float]]] = {}
 
     @contextlib.contextmanager
-    def timed(self, name: str) -> Iterator[None]:
+    def timed(name: str) -> Iterator[None]:
         start = time.perf_counter(), time.process_time()
         yield
         took = time.perf_counter() - start[0], time.process_time() - start[1]
-        self.seconds.setdefault(name, []).append(took)
+        seconds.setdefault(name, []).append(took)
 
-
-def time_session(cable: str, args: WaitsArgs) -> Waits:
-    """Prepare a session, aim, and open it again; the rig's own time is not counted."""
-    waits = Waits()
     setup = cc.Setup(cable=cable)
     config = cc.AimConfig(
         within_pct=0.01, tries=args.tries, force=True, refit=False, device=args.device
@@ -77,7 +75,7 @@ def time_session(cable: str, args: WaitsArgs) -> Waits:
         console_progress() as progress,
         tempfile.TemporaryDirectory() as out,
     ):
-        with waits.timed("check"):
+        with timed("check"):
             cc.check(setup, progress=progress)
         casts = cc.collect(
             rig,
@@ -90,21 +88,21 @@ def time_session(cable: str, args: WaitsArgs) -> Waits:
         def prepare(tuned: cc.Tuned | None = None) -> cc.AimSession:
             return cc.prepare_aim(rig, config, casts=casts, tuned=tuned, out=out, progress=progress)
 
-        with waits.timed("fit"):
+        with timed("fit"):
             tuned = cc.tune(casts, validation_count=0, out=f"{out}/tune", progress=progress)
-        with waits.timed("simulated casts"):
+        with timed("simulated casts"):
             session = prepare(tuned)
         session.pilot(rig, progress)
         for index, target in enumerate(random_targets(args.targets, args.lab)):
             for number in range(args.tries):
-                with waits.timed("a try" if index or number else "first plan"):
+                with timed("a try" if index or number else "first plan"):
                     proposal = session.propose(target)
                 track = session.play(rig, proposal.trajectory, proposal.number)
-                with waits.timed("a landing"):
+                with timed("a landing"):
                     session.observe(proposal, track)
-        with waits.timed(f"opening it with {len(session.casts)} casts"):
+        with timed(f"opening it with {len(session.casts)} casts"):
             prepare()
-    return waits
+    return seconds
 
 
 def waits(args: WaitsArgs) -> Iterator[Table]:
@@ -115,7 +113,7 @@ def waits(args: WaitsArgs) -> Iterator[Table]:
     columns, rows = ["wait"], {}
     for cable in args.cables:
         columns += [f"{cable} [s]", "CPU [s]"]
-        for name, seconds in time_session(cable, args).seconds.items():
+        for name, seconds in time_session(cable, args).items():
             medians = np.median(seconds, axis=0)
             rows.setdefault(name, []).extend(f"{value:.2f}" for value in medians)
     title = f"Waits, medians where there are several, {core_count()} cores"

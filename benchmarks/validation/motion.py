@@ -63,12 +63,11 @@ def free_flight(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     relative = nodes - mean[:, None]
     angle = np.unwrap(np.arctan2(relative[:, -1, 2], relative[:, -1, 0]))
     exact = at(times, LENGTH)
-    last = len(times) - 1
-    span = (last - 1) * sample_dt
+    span = (len(times) - 2) * sample_dt
     distance = np.linalg.norm(nodes[-1, -1] - exact[-1])
     # Straight and in the plane, the rotation about the centre of mass is one angle; its rate over
     # a step is the angular momentum over the moment of inertia.
-    inertia = (masses * ((nodes - mean[:, None]) ** 2).sum(2)).sum(1)
+    inertia = (masses * (relative**2).sum(2)).sum(1)
     momentum = inertia[1:] * np.diff(angle) / sample_dt
     fine = np.linspace(0.0, FLIGHT_TIME, 400)
     path = at(fine, LENGTH)
@@ -111,10 +110,8 @@ def energy_balance(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         sample_dt=dt,
         record_nodes=True,
     )
-    clamp = (1.0, 0.0, 0.0)
-    kinetic, potential = scenes.energies(rollout.nodes[0], dt, cable, clamp)
+    kinetic, potential = scenes.energies(rollout.nodes[0], dt, cable, (1.0, 0.0, 0.0))
     total = kinetic + potential
-    turned = float(np.max(kinetic))
     times = rollout.times[1:] - 0.5 * dt
     few = slice(None, None, max(1, len(times) // 60))
     drift = total - total[0]
@@ -123,12 +120,10 @@ def energy_balance(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         "largest change of the total, over the largest kinetic energy",
         "-",
         0.0,
-        float(worst) / turned,
+        float(worst / np.max(kinetic)),
         scale=1.0,
     )
-    yield Curve(
-        times, np.zeros_like(times), times[few], 1e3 * (total - total[0])[few], label="total"
-    )
+    yield Curve(times, np.zeros_like(times), times[few], 1e3 * drift[few], label="total")
     yield Curve(
         times,
         1e3 * (potential[0] - potential + kinetic[0]),
@@ -215,8 +210,7 @@ def string_decay(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     speed = np.sqrt(tension * LENGTH / STRING_MASS)
     wave = STRING_MODE * np.pi / LENGTH
     omega = wave * speed
-    heading = PLUCK * wave * np.cos(wave * scenes.lengthwise(segment_count))
-    heading = np.arcsin(heading)
+    heading = np.arcsin(PLUCK * wave * np.cos(wave * scenes.lengthwise(segment_count)))
     edges = np.stack([np.sin(heading), 0 * heading, -np.cos(heading)], axis=1)
     start = (0.0, 0.0, HEIGHT)
     nodes = scenes.from_edges(LENGTH / segment_count * edges, start)
