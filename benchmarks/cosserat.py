@@ -131,9 +131,7 @@ def _damping(scenario: Any) -> float:
     return min(2.0 * rate, PARAMS["linear_damping"].bounds[1])
 
 
-def _cable(
-    scenario: Any, nodes: NDArray[np.float64], share: float = 1.0
-) -> tuple[Cable, float, float]:
+def _cable(scenario: Any, nodes: NDArray[np.float64], share: float) -> tuple[Cable, float, float]:
     """Return the cable of a scene, the factor of its masses and forces, and its gravity [m/s²].
 
     Its stiffness in bending and twist is a share of the scene's.

@@ -25,7 +25,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.result import Table, code_key
+from benchmarks.result import ROOT, Table, code_key
 from benchmarks.truth import TruthCamera
 from cablecast.cast import EndpointTrack, TrialStatus
 from cablecast.data.dataset import read_dataset
@@ -43,7 +43,6 @@ from cablecast.rigs.ur.twin.process import TwinProcess
 from cablecast.setup import Setup, load_setup
 from cablecast.vision.trials import CameraOfTrials, TrialCamera
 
-ROOT = pathlib.Path(__file__).parents[1]
 PHASES = ("reset", "approach", "cast", "settle", "readout")
 AFTER = {"reset": 1.0, "approach": 0.1, "cast": 0.4, "settle": 0.5, "readout": 0.0}
 """Time from the start of a phase to the fault [s]: in the middle of its motion, if it has one."""
@@ -179,13 +178,6 @@ def running_twin(
         yield twin, dataclasses.replace(setup, camera=camera)
 
 
-def make_camera(setup: Setup, part: str) -> TrialCamera:
-    """Return the camera of a session."""
-    if part == "camera":
-        return CameraOfTrials(setup)
-    return TruthCamera(setup)
-
-
 def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcome:
     """Let one fault come in a session, and say what came of it."""
     # What is wrong with camera or cable may be noticed only before the next cast.
@@ -201,7 +193,8 @@ def try_fault(twin: TwinProcess, setup: Setup, fault: str, phase: str) -> Outcom
         def collect() -> str:
             """Collect, and return the error; nothing where there was none."""
             try:
-                rig = RigQuick(setup, make_camera(setup, part), failures, speed)
+                camera = CameraOfTrials(setup) if part == "camera" else TruthCamera(setup)
+                rig = RigQuick(setup, camera, failures, speed)
                 with CheckedRig(rig, setup, time_limit=600.0) as rig:
                     collect_dataset(path, rig, setup, purpose="tune", actions=actions, attempts=2)
             except CablecastError as error:
