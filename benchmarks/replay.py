@@ -138,15 +138,16 @@ class Replay(abc.ABC):
         )
 
 
-class ReplayChain(Replay):
-    """MuJoCo and the exported chain of capsules.
+class ReplayMujoco(Replay):
+    """MuJoCo and an exported file.
 
     Args:
         xml: Text of the file.
+        part: Start of the names of the cable's bodies.
         dt: Step [s]; that of the file where None.
     """
 
-    def __init__(self, xml: str, dt: float | None = None):
+    def __init__(self, xml: str, part: str, dt: float | None = None):
         import mujoco
 
         self.mujoco: Any = mujoco
@@ -155,7 +156,19 @@ class ReplayChain(Replay):
             self.model.opt.timestep = dt
         self.dt = float(self.model.opt.timestep)
         names = [self.model.body(i).name for i in range(self.model.nbody)]
-        self.segment_count = sum(name.startswith("segment_") for name in names)
+        self.segment_count = sum(name.startswith(part) for name in names)
+
+
+class ReplayChain(ReplayMujoco):
+    """The exported chain of capsules.
+
+    Args:
+        xml: Text of the file.
+        dt: Step [s]; that of the file where None.
+    """
+
+    def __init__(self, xml: str, dt: float | None = None):
+        super().__init__(xml, "segment_", dt)
         weld = self.model.equality(0)
         # A mocap body has no velocity, so that the weld lags behind it by two time constants.
         self.lag = 2.0 * float(self.model.eq_solref[weld.id, 0])
@@ -188,8 +201,8 @@ class ReplayChain(Replay):
         return self.data.site("tip").xpos.copy()
 
 
-class ReplayFlex(Replay):
-    """MuJoCo and the exported 1-D flex.
+class ReplayFlex(ReplayMujoco):
+    """The exported 1-D flex.
 
     Args:
         xml: Text of the file.
@@ -197,13 +210,7 @@ class ReplayFlex(Replay):
     """
 
     def __init__(self, xml: str, linear_damping: float):
-        import mujoco
-
-        self.mujoco: Any = mujoco
-        self.model = mujoco.MjModel.from_xml_string(xml)
-        self.dt = float(self.model.opt.timestep)
-        names = [self.model.body(i).name for i in range(self.model.nbody)]
-        self.segment_count = sum(name.startswith("node_") for name in names)
+        super().__init__(xml, "node_")
         for node in range(1, self.segment_count + 1):
             mass = self.model.body(f"node_{node}").mass[0]
             for axis in range(3):
@@ -236,23 +243,27 @@ class ReplayFlex(Replay):
         return self.data.body(f"node_{self.segment_count}").xpos.copy()
 
 
-class ReplayBullet(Replay):
-    """PyBullet and the exported URDF with its script.
+class ReplayScript(Replay):
+    """A simulator and an exported script.
 
     Args:
-        folder: Folder with both.
-        name: Name of the cable.
+        script: File of the script.
     """
 
-    def __init__(self, folder: pathlib.Path, name: str):
-        self.module = runpy.run_path(str(folder / f"{name}_pybullet.py"))
-        self.urdf = folder / f"{name}.urdf"
-        self.dt = self.module["VALUES"]["dt"]
-        self.segment_count = self.module["VALUES"]["segment_count"]
+    def __init__(self, script: pathlib.Path):
+        self.module = runpy.run_path(str(script))
+        self.values = self.module["VALUES"]
+        # Newton's leaves its step open.
+        self.dt = self.values.get("dt", NEWTON_DT)
+        self.segment_count = self.values["segment_count"]
+
+
+class ReplayBullet(ReplayScript):
+    """PyBullet and the exported URDF, which lies next to its script."""
 
     def start(self, nodes: Array, grip: Array) -> None:
         client = BulletClient()
-        self.cable = self.module["Cable"](client, self.urdf)
+        self.cable = self.module["Cable"](client)
         self.cable.add_table()
         found = frames(nodes, grip)
         before = np.concatenate([grip[None], found[:-1]])
@@ -270,23 +281,13 @@ class ReplayBullet(Replay):
         return self.cable.end()
 
 
-class ReplayElastica(Replay):
-    """PyElastica and the exported rod.
-
-    Args:
-        script: File of the script.
-    """
-
-    def __init__(self, script: pathlib.Path):
-        import elastica as ea
-
-        self.ea: Any = ea
-        self.module = runpy.run_path(str(script))
-        self.dt = self.module["VALUES"]["dt"]
-        self.segment_count = self.module["VALUES"]["segment_count"]
+class ReplayElastica(ReplayScript):
+    """PyElastica and the exported rod."""
 
     def start(self, nodes: Array, grip: Array) -> None:
-        ea, pose = self.ea, {}
+        import elastica as ea
+
+        pose: dict[str, Array] = {}
 
         class System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Contact, ea.Damping):
             pass
@@ -303,7 +304,7 @@ class ReplayElastica(Replay):
                 system.omega_collection[:, 0] = 0.0
 
         self.pose = pose
-        behind = nodes[0] - self.module["VALUES"]["segment_length"] * grip[:, 1]
+        behind = nodes[0] - self.values["segment_length"] * grip[:, 1]
         every = np.vstack([behind, nodes])
         self.rod = self.module["make_rod"](
             behind,
@@ -326,7 +327,7 @@ class ReplayElastica(Replay):
         return np.stack([x, np.cross(y, x), y])
 
     def _hold(self, before: Array, place: Array, frame: Array) -> None:
-        behind = place - self.module["VALUES"]["segment_length"] * frame[:, 1]
+        behind = place - self.values["segment_length"] * frame[:, 1]
         self.pose["nodes"] = np.stack([behind, place], axis=1)
         self.pose["frame"] = self._directors(frame)
         self.pose["velocity"] = ((place - before) / self.dt)[:, None]
@@ -340,26 +341,14 @@ class ReplayElastica(Replay):
         return self.rod.position_collection[:, -1].copy()
 
 
-class ReplayNewton(Replay):
-    """Newton and the exported rod, by its solver VBD.
-
-    Args:
-        script: File of the script.
-    """
-
-    def __init__(self, script: pathlib.Path):
-        import newton
-        import warp as wp
-
-        self.newton, self.wp = newton, wp
-        self.module = runpy.run_path(str(script))
-        self.dt = NEWTON_DT
-        self.segment_count = self.module["VALUES"]["segment_count"]
+class ReplayNewton(ReplayScript):
+    """Newton and the exported rod, by its solver VBD."""
 
     def start(self, nodes: Array, grip: Array) -> None:
-        newton, values = self.newton, self.module["VALUES"]
+        import newton
+
         builder: Any = newton.ModelBuilder()
-        points = np.vstack([nodes[0] - values["segment_length"] * grip[:, 1], nodes])
+        points = np.vstack([nodes[0] - self.values["segment_length"] * grip[:, 1], nodes])
         bodies, _ = self.module["add_cable"](builder, points)
         builder.add_ground_plane(cfg=self.module["surface"](newton))
         builder.color()
@@ -373,7 +362,7 @@ class ReplayNewton(Replay):
 
     def _hold(self, place: Array, frame: Array) -> None:
         """Write the pose of the grip's segment, whose middle lies behind the grip."""
-        middle = place - 0.5 * self.module["VALUES"]["segment_length"] * frame[:, 1]
+        middle = place - 0.5 * self.values["segment_length"] * frame[:, 1]
         # The axis z of a segment is along it.
         turned = Rotation.from_matrix(np.stack([frame[:, 0], -frame[:, 2], frame[:, 1]], axis=1))
         for state in self.states:
@@ -388,7 +377,7 @@ class ReplayNewton(Replay):
 
     def tip(self) -> Array:
         x, y, z, *quat = self.states[0].body_q.numpy()[self.end]
-        half = 0.5 * self.module["VALUES"]["segment_length"]
+        half = 0.5 * self.values["segment_length"]
         return np.array([x, y, z]) + Rotation.from_quat(quat).apply([0.0, 0.0, half])
 
 
@@ -439,7 +428,6 @@ PURE = {
     **{name: value for values in LEFT_OUT.values() for name, value in values.items()},
     **dict.fromkeys(("rolling_friction", "spinning_friction"), 0.0),
 }
-LAW_COLUMNS = ("effect", "chain from EngineWarp, median [%]", "largest [%]")
 LAW_DAMPING_TIME = 0.01
 """Damping time of the cable whose effects are compared [s]."""
 LAW_TIME = 1.1
@@ -464,7 +452,7 @@ def players(tuned: Tuned, folder: pathlib.Path) -> Iterator[tuple[str, Callable[
         yield "MuJoCo, chain of capsules", lambda: ReplayChain(chain.read_text())
         yield "MuJoCo, 1-D flex", lambda: ReplayFlex(flex.read_text(), damping)
     if has("pybullet"):
-        yield "PyBullet", lambda: ReplayBullet(folder, name)
+        yield "PyBullet", lambda: ReplayBullet(folder / f"{name}_pybullet.py")
     if has("elastica"):
         yield "PyElastica", lambda: ReplayElastica(folder / f"{name}_elastica.py")
     if has("newton"):
@@ -614,4 +602,5 @@ def laws(args: LawArgs) -> Iterator[Table]:
         fine = tips(make_engine("warp", 4 * COARSE), params)
         compare(f"{name}, EngineWarp with {4 * COARSE} segments in place of the chain", fine, own)
     title = f"The chain from EngineWarp after {LAW_TIME:g} s, {COARSE} segments in both"
-    yield Table(title, LAW_COLUMNS, rows)
+    columns = ("effect", "chain from EngineWarp, median [%]", "largest [%]")
+    yield Table(title, columns, rows)
