@@ -38,8 +38,7 @@ class TwinProcess:
         RigError: The process did not start.
     """
 
-    def __init__(self, setup: Setup, config: TwinConfig | None = None):
-        config = config or TwinConfig()
+    def __init__(self, setup: Setup, config: TwinConfig):
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe(duplex=False)
         # No daemon: it has a process of its own for the camera.
@@ -94,7 +93,7 @@ class TwinClient:
         RigError: No twin answers.
     """
 
-    def __init__(self, address: str = "127.0.0.1"):
+    def __init__(self, address: str):
         try:
             self._socket = socket.create_connection((address, ADMIN_PORT), _ANSWER_TIME_MAX)
         except OSError as error:
