@@ -135,8 +135,7 @@ class CastTask:
         chosen = np.empty((0, 2))
         for _ in range(_DRAWS_MAX):
             # Uniform in area: the square of the radius is uniform.
-            low, high = np.square(TARGET_RADII)
-            r = np.sqrt(rng.uniform(low, high, size=count))
+            r = np.sqrt(rng.uniform(*np.square(TARGET_RADII), size=count))
             theta = rng.uniform(-TARGET_ANGLE_MAX, TARGET_ANGLE_MAX, size=count)
             xy = polar_to_xy(np.stack([r, theta], axis=-1))
             near = r <= workspace.reach(self.setup.cable.length)

@@ -105,17 +105,17 @@ def export_cable(
     out, cable = pathlib.Path(out), tuned.setup.cable.with_params(tuned.params)
     # It is the name of the models, too.
     cable = dataclasses.replace(cable, name=file_name(cable.name))
-    models = [
+    model, bullet = (
         CableModel(cable=cable, posterior=tuned.posterior, segment_count=segment_count or count)
         for count in (SEGMENT_COUNT, BULLET_SEGMENT_COUNT)
-    ]
+    )
     texts = {
-        f"{cable.name}_chain.xml": mujoco_.chain_xml(models[0]),
-        f"{cable.name}_flex.xml": mujoco_.flex_xml(models[0]),
-        f"{cable.name}.urdf": pybullet_.urdf(models[1]),
-        f"{cable.name}_pybullet.py": pybullet_.springs(models[1]),
-        f"{cable.name}_newton.py": rods.newton(models[0]),
-        f"{cable.name}_elastica.py": rods.elastica(models[0]),
+        f"{cable.name}_chain.xml": mujoco_.chain_xml(model),
+        f"{cable.name}_flex.xml": mujoco_.flex_xml(model),
+        f"{cable.name}.urdf": pybullet_.urdf(bullet),
+        f"{cable.name}_pybullet.py": pybullet_.springs(bullet),
+        f"{cable.name}_newton.py": rods.newton(model),
+        f"{cable.name}_elastica.py": rods.elastica(model),
     }
     for name, text in texts.items():
         write_text(out / name, text)
