@@ -18,23 +18,8 @@ TOSS = np.array([0.3, 0.0, 2.0])
 START = np.array([0.0, 0.0, 6.0])
 
 
-def tumbling(times, from_centre: float):
-    """Return a point of the flying cable [m], shape [step, 3].
-
-    Args:
-        times: Times [s], shape [step].
-        from_centre: Distance of the point beyond the centre of mass [m].
-    """
-    t = np.asarray(times, dtype=float)[..., None]
-    flight = START + TOSS * t - 0.5 * np.array([0, 0, GRAVITY]) * t**2
-    angle = SPIN * t[..., 0]
-    along = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=-1)
-    return flight + from_centre * along
-
-
 def free_flight(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     cable = scenes.make_cable()
-
     # The near node has half a segment's mass, but the grip carries it: the centre of what is free
     # to fly lies a little beyond the middle.
     masses = scenes.node_masses(cable, segment_count)
@@ -42,11 +27,15 @@ def free_flight(make: MakeEngine, segment_count: int, dt: float) -> Measured:
     centre = float((masses * s).sum() / masses.sum())
 
     def at(times, distance):
-        return tumbling(times, distance - centre)
+        """Return the point at a distance from the near end [m], shape [step, 3]."""
+        t = np.asarray(times, dtype=float)[..., None]
+        flight = START + TOSS * t - 0.5 * np.array([0, 0, GRAVITY]) * t**2
+        angle = SPIN * t[..., 0]
+        along = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=-1)
+        return flight + (distance - centre) * along
 
     state = scenes.straight(segment_count, at(0.0, 0.0), (1, 0, 0), TOSS)
-    middle = at(0.0, centre)
-    state = scenes.turning(state, -SPIN, (0, 1, 0), middle)
+    state = scenes.turning(state, -SPIN, (0, 1, 0), at(0.0, centre))
     sample_dt = 0.01
     rollout = make(segment_count, dt).rollout(
         cable,
