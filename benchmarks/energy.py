@@ -42,8 +42,8 @@ BATCH = 96
 """Worlds at a time, as their shapes are recorded."""
 GROWN = 0.5
 """Growth that counts, as a share of the greatest kinetic energy, as in the engine. Recorded shapes
-give mean speeds between two samples only, and no twist, which may
-give back as much as a third, at any step."""
+give mean speeds between two samples only, and no twist, which may give back as much as a third, at
+any step."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -150,7 +150,7 @@ def growth(
 
 
 def scan(
-    cable: Cable, segment_count: int, dt: float, count: int, seed: int, materials: bool = False
+    cable: Cable, segment_count: int, dt: float, count: int, seed: int, materials: bool
 ) -> tuple[int, int, float]:
     """Return the number of marked worlds, of those that grow unmarked, and the most growth.
 

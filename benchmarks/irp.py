@@ -68,8 +68,6 @@ IMPULSE = 1e-3
 WITHIN, PIXEL_WEIGHT = 5e-3, 0.3
 """Distance at which a try has hit [m], and weight of the pixel metric, so that a try that is a
 pixel off by it has not [-]."""
-
-
 LEAST_DRAWN = 0.02
 """Error below which one is drawn as this [cm]: the metric's least value is 0."""
 

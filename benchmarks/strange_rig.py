@@ -97,7 +97,7 @@ class StrangeRig(RigLifecycle):
         chain: bool = False,
     ):
         super().__init__()
-        self.setup, self.seed, self.lab_seed = setup, seed, lab_seed
+        self.setup, self.seed = setup, seed
         self.scatter, self.unevenness, self.along = scatter or Scatter(), unevenness, along
         self._draw = (seed, 0)
         rng = world_draws(setup, lab_seed)
@@ -154,12 +154,7 @@ class StrangeRig(RigLifecycle):
         status = self._status(xy, trajectory)
         if status is TrialStatus.OCCLUDED:
             seen[-1] = np.nan
-        return EndpointTrack(
-            times=times,
-            endpoint_xy=seen,
-            status=status,
-            joint_path=joints,
-        )
+        return EndpointTrack(times=times, endpoint_xy=seen, status=status, joint_path=joints)
 
     def _status(self, xy: NDArray[np.float64], trajectory: Trajectory) -> TrialStatus:
         if not np.isfinite(xy).all():

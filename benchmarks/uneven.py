@@ -108,28 +108,25 @@ def after_correction(
     return float(change), float(left)
 
 
-def still_rig(name: str, args: UnevenArgs, lab: int) -> StrangeRig:
-    """Return a rig of a laboratory, without scatter."""
-    differences = DIFFERENCES[name] | {"scatter": STILL}
-    return StrangeRig(Setup(cable=args.cable), lab_seed=lab, **differences)
-
-
 def compare(args: UnevenArgs) -> dict[str, NDArray[np.float64]]:
     """Return shift [%], change of the Jacobian [-] and share left [-] by rig, [action, 3].
 
     The actions are those that come to rest on the table on all rigs.
     """
-    length = Setup(cable=args.cable).cable.length
+    setup = Setup(cable=args.cable)
     rows: dict[str, list[tuple[float, float, float]]] = {name: [] for name in UNEVEN}
     for number, lab in enumerate(args.labs, 1):
-        rigs = [still_rig(name, args, lab) for name in ("even", *UNEVEN)]
-        for actions in stencils(rigs[0].setup, 10 * args.count, lab):
+        rigs = [
+            StrangeRig(setup, lab_seed=lab, scatter=STILL, **DIFFERENCES[name])
+            for name in ("even", *UNEVEN)
+        ]
+        for actions in stencils(setup, 10 * args.count, lab):
             casts = [cast for rig in rigs if (cast := linear(rig, actions)) is not None]
             if len(casts) < len(rigs):
                 continue
             smooth, *others = casts
             for name, rough in zip(UNEVEN, others, strict=True):
-                shift = 100.0 * float(np.linalg.norm(rough[0] - smooth[0])) / length
+                shift = 100.0 * float(np.linalg.norm(rough[0] - smooth[0])) / setup.cable.length
                 rows[name].append((shift, *after_correction(smooth[1:].T, rough[1:].T)))
             if len(rows[UNEVEN[0]]) == number * args.count:
                 break
