@@ -76,8 +76,7 @@ def in_child(
             os.setsid()
             os.chdir(folder)
             for number, file in enumerate(streams, start=1):
-                mode = os.O_WRONLY | os.O_CREAT | os.O_APPEND
-                handle = os.open(file, mode)
+                handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
                 os.dup2(handle, number)
                 os.close(handle)
             signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -163,12 +163,19 @@ class TablePage:
         return path
 
 
+def open_page(
+    browser: Any, address: str, setup: Setup, width: int = 1280, height: int = 720
+) -> TablePage:
+    """Open the page in a new tab of a size [px]."""
+    page = TablePage(browser.new_page(viewport={"width": width, "height": height}), setup)
+    page.open(address)
+    return page
+
+
 def take_pictures(address: str, folder: pathlib.Path) -> None:
     """Take the pictures of docs/view.md from a page with a prepared session."""
     with open_browser() as browser:
-        tab = browser.new_page(viewport={"width": 1280, "height": 720})
-        page = TablePage(tab, Setup())
-        page.open(address)
+        page = open_page(browser, address, Setup())
         page.wait_for("Click on the table")
         page.hide_notices()
         page.point_at(PICTURED)
@@ -210,8 +217,7 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
         time.sleep(4.0)
         page.picture(folder / "view-map.png")
         page.tab.get_by_label("Where it can land").click()
-        phone = TablePage(browser.new_page(viewport={"width": 390, "height": 780}), Setup())
-        phone.open(address)
+        phone = open_page(browser, address, Setup(), width=390, height=780)
         time.sleep(6.0)
         phone.hide_notices()
         phone.picture(folder / "view-phone.png")
@@ -220,9 +226,7 @@ def take_pictures(address: str, folder: pathlib.Path) -> None:
 def take_strike_picture(address: str, folder: pathlib.Path) -> None:
     """Take the picture of docs/strike.md, of a first try."""
     with open_browser() as browser:
-        tab = browser.new_page(viewport={"width": 1280, "height": 720})
-        page = TablePage(tab, Setup(strike=StrikeConfig()))
-        page.open(address)
+        page = open_page(browser, address, Setup(strike=StrikeConfig()))
         page.wait_for("Click on the plane")
         page.hide_notices()
         page.point_at(STRUCK)
@@ -236,8 +240,7 @@ def take_strike_picture(address: str, folder: pathlib.Path) -> None:
 def make_first_cast(address: str, folder: pathlib.Path) -> None:
     """Go from a page without a model to the first cast in three clicks, and say what each took."""
     with open_browser() as browser:
-        page = TablePage(browser.new_page(viewport={"width": 1280, "height": 720}), Setup())
-        page.open(address)
+        page = open_page(browser, address, Setup())
         page.hide_notices()
         begun = time.monotonic()
 
