@@ -50,6 +50,15 @@ def catenary(make: MakeEngine, segment_count: int, dt: float) -> Measured:
 AMPLITUDE = 1e-3
 
 
+def mode_results(times, x, omega, label, duration, scale=1.0) -> Measured:
+    """Yield the period of what was released in a mode, and its swing over a duration [s]."""
+    measured = 2 * np.pi / scenes.fitted_swing(times, x, omega)[0]
+    yield Outcome(f"period, {label}", "s", float(2 * np.pi / omega), measured)
+    t = np.linspace(0.0, duration, 200)
+    few = slice(None, None, max(1, len(x) // 40))
+    yield Curve(t, scale * x[0] * np.cos(omega * t), times[few], scale * x[few], label=label)
+
+
 def hanging_mode(make: MakeEngine, segment_count: int, dt: float, shape, omega, cable, label):
     """Measure the period of a hanging chain that is released in a mode."""
     s = np.linspace(0.0, LENGTH, segment_count + 1)
@@ -65,11 +74,7 @@ def hanging_mode(make: MakeEngine, segment_count: int, dt: float, shape, omega, 
         sample_dt=2e-3,
     )
     x = rollout.endpoint_xyz[0, :, 0]
-    measured = 2 * np.pi / scenes.fitted_swing(rollout.times, x, omega)[0]
-    yield Outcome(f"period, {label}", "s", float(period), measured)
-    t = np.linspace(0.0, 1.2 * period, 200)
-    few = slice(None, None, max(1, len(x) // 40))
-    yield Curve(t, 1e3 * x[0] * np.cos(omega * t), rollout.times[few], 1e3 * x[few], label=label)
+    yield from mode_results(rollout.times, x, omega, label, 1.2 * period, scale=1e3)
 
 
 def chain_modes(make: MakeEngine, segment_count: int, dt: float) -> Measured:
@@ -315,11 +320,7 @@ def vibration(make: MakeEngine, segment_count: int, dt: float) -> Measured:
         )
         z = 1e3 * (rollout.endpoint_xyz[0, :, 2] - HEIGHT)
         label = f"EI = {stiffness:g} N·m², {mass * 1e3:g} g"
-        measured = 2 * np.pi / scenes.fitted_swing(rollout.times, z, omega)[0]
-        yield Outcome(f"period, {label}", "s", float(period), measured)
-        t = np.linspace(0.0, 2.0 * period, 200)
-        few = slice(None, None, max(1, len(z) // 40))
-        yield Curve(t, z[0] * np.cos(omega * t), rollout.times[few], z[few], label=label)
+        yield from mode_results(rollout.times, z, omega, label, 2.0 * period)
 
 
 BENDING = (
@@ -398,11 +399,8 @@ def torsional_swing(make: MakeEngine, segment_count: int, dt: float) -> Measured
     for stiffness, mode in ((3e-5, 1), (3e-5, 2), (1.2e-4, 1)):
         cable = scenes.make_cable(twist_stiffness=stiffness)
         times, roll, omega = swing(make, segment_count, dt, cable, mode)
-        measured = 2 * np.pi / scenes.fitted_swing(times, roll, omega)[0]
         label = f"GJ = {stiffness:g} N·m², mode {mode}"
-        yield Outcome(f"period, {label}", "s", 2 * np.pi / omega, measured)
-        t = np.linspace(0.0, times[-1], 200)
-        yield Curve(t, roll[0] * np.cos(omega * t), times, roll, label=label)
+        yield from mode_results(times, roll, omega, label, times[-1])
 
 
 def damped_roll(make: MakeEngine, segment_count: int, dt: float) -> Measured:
