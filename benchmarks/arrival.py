@@ -56,17 +56,23 @@ class Args:
     out: pathlib.Path = pathlib.Path("runs/benchmarks/arrival")
 
 
-def swing(world: SwingModel, rope: Cable, unit: Array) -> Array:
+@functools.cache
+def world() -> SwingModel:
+    """Return the arm, whose swings take `DURATION`."""
+    return dataclasses.replace(model(), duration=DURATION)
+
+
+def swing(rope: Cable, unit: Array) -> Array:
     """Return the tip of a move until its first contact [m], shape [step, 3]."""
-    swings = world.play(world.motion(unit), rope, nodes=True)
+    swings = world().play(world().motion(unit), rope, nodes=True)
     return swings.tip[0][: max(int(swings.contacts(np.array([0]))[0]), 2)]
 
 
-def draw_goals(world: SwingModel, rope: Cable, count: int, seed: int) -> list[Arrival]:
+def draw_goals(rope: Cable, count: int, seed: int) -> list[Arrival]:
     """Return goals with directions in which random moves pass them fast enough."""
     rng, found = np.random.default_rng([seed, round(1e3 * rope.length)]), []
     while len(found) < count:
-        tip = swing(world, rope, rng.random(world.moves.size))
+        tip = swing(rope, rng.random(world().moves.size))
         speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / SAMPLE_DT
         steps = np.flatnonzero(speed >= LEAST_SPEED)
         steps = steps[steps >= LATE / SAMPLE_DT]
@@ -103,9 +109,8 @@ def good(distance: float, angle: float, speed: float) -> NDArray[np.bool_]:
 @functools.cache
 def prior(name: str, seed: int) -> StrikePrior:
     """Return the simulated swings of a rope."""
-    world = dataclasses.replace(model(), duration=DURATION)
     belief = TipBelief(cable=ROPES[name], deviations=(1.0, 1.0, 1.0, 1.0, 1.0))
-    return StrikePrior.simulate(world, belief, seed, checked=False, cable_count=1)
+    return StrikePrior.simulate(world(), belief, seed, checked=False, cable_count=1)
 
 
 def strike(name: str, asked: Arrival, searches: int, seed: int) -> dict[str, list[float]]:
@@ -120,7 +125,7 @@ def strike(name: str, asked: Arrival, searches: int, seed: int) -> dict[str, lis
         aim = StrikeAim(swings, asked.goal, cable=rope, loss=asked, seed=seed + number)
         unit = aim.propose()
         seconds = time.process_time() - start
-        made = arrived(swing(swings.model, rope, unit), asked)
+        made = arrived(swing(rope, unit), asked)
         for values, value in zip(found.values(), (*made, seconds), strict=True):
             values.append(value)
         if good(*made).all():
@@ -130,14 +135,13 @@ def strike(name: str, asked: Arrival, searches: int, seed: int) -> dict[str, lis
 
 def main(args: Args) -> Iterator[Table]:
     """Strike the goals of each rope, and yield a table of how many arrived as asked."""
-    world = dataclasses.replace(model(), duration=DURATION)
     settings = {"seed": args.seed, "searches": args.searches, "ropes": repr(ROPES)}
     folder = args.out / code_key(__name__) / f"seed-{args.seed}-searches-{args.searches}"
     parts = Parts(folder, fingerprint(settings))
     rows, everything = [], []
     for name, rope in ROPES.items():
         found = []
-        for number, asked in enumerate(draw_goals(world, rope, args.goals, args.seed)):
+        for number, asked in enumerate(draw_goals(rope, args.goals, args.seed)):
             made = functools.partial(strike, name, asked, args.searches, args.seed)
             found.append(parts.get_or_make(f"{name}-{number}", made))
             last = [round(values[-1], 3) for values in found[-1].values()]
