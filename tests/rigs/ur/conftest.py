@@ -17,15 +17,34 @@ UR10E = {
 }
 # Speed of the fastest joint below which the arm rests [rad/s].
 REST_SPEED = 0.01
+# Longest time for which anything is waited for, on a busy computer [s].
+PATIENCE = 120.0
+
+
+def wait_until(is_so):
+    """Wait until something is so."""
+    deadline = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def make_fault(process, name):
+    """Let a fault come, and wait until it is there."""
+    process.admin.fault(name)
+    wait_until(lambda: not process.admin.state()["faults"])
+
+
+def is_idle(process):
+    """Return whether the arm rests, and no program runs."""
+    state = process.admin.state()
+    return state["at_rest"] and not state["program"]
 
 
 def time_to_rest(process, event):
     """Return how long after its newest event the arm still moved [s], by the twin's clock."""
     begin = [e["time"] for e in process.admin.events() if e["what"] == event][-1]
-    deadline = time.monotonic() + 120.0
-    while process.admin.state()["time"] < begin + 1.0:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_until(lambda: process.admin.state()["time"] > begin + 1.0)
     truth = process.admin.truth(begin, begin + 1.0)
     moving = [
         t for t, s in zip(truth["times"], truth["joint_speed"], strict=True) if s > REST_SPEED

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from tests.rigs.ur.conftest import make_fault, wait_until
 
 from cablecast.errors import InputError, RigError
 from cablecast.rigs.ur.agent import reported
@@ -32,96 +33,71 @@ def twin(request, make_twin):
     process.close()
 
 
-def make(process, fault):
-    process.admin.fault(fault)
-    deadline = time.monotonic() + 30.0
-    while process.admin.state()["faults"] and time.monotonic() < deadline:
-        time.sleep(0.01)
-
-
-def test_each_generation_is_told_by_its_version_and_asked_only_what_it_can_answer(twin):
-    name, process, setup = twin
+@pytest.fixture
+def link(twin):
+    _, process, setup = twin
     link = UrLink(setup.robot)
-    try:
-        assert link.version == GENERATIONS[name].version[:3]
-        assert link.has_dashboard == (name != "polyscope-x")
-        report = check_ready(link)
-        assert report.payload == setup.robot.payload_mass
-        if name != "polyscope-x":
-            return
-        for fault in ("dashboard_slow", "dashboard_off"):
-            with pytest.raises(InputError, match=f"polyscope-x has no {fault}"):
-                process.admin.fault(fault)
-    finally:
-        link.close()
+    yield link
+    link.close()
+    process.admin.clear()
 
 
-def test_a_slow_dashboard_delays_and_one_that_is_silent_is_named(twin, monkeypatch):
+def test_each_generation_is_told_by_its_version_and_asked_only_what_it_can_answer(twin, link):
     name, process, setup = twin
+    assert link.version == GENERATIONS[name].version[:3]
+    assert link.has_dashboard == (name != "polyscope-x")
+    report = check_ready(link)
+    assert report.payload == setup.robot.payload_mass
+    if name != "polyscope-x":
+        return
+    for fault in ("dashboard_slow", "dashboard_off"):
+        with pytest.raises(InputError, match=f"polyscope-x has no {fault}"):
+            process.admin.fault(fault)
+
+
+def test_a_slow_dashboard_delays_and_one_that_is_silent_is_named(twin, link, monkeypatch):
+    name, process, _ = twin
     if name == "polyscope-x":
         pytest.skip("it has no dashboard")
+    assert link.ask("running") == "Program running: false"
+    make_fault(process, "dashboard_slow")
     monkeypatch.setattr("cablecast.rigs.ur.link._ANSWER_TIME_MAX", 0.1)
-    link = UrLink(setup.robot)
-    try:
-        assert link.ask("running") == "Program running: false"
-        make(process, "dashboard_slow")
-        with pytest.raises(RigError, match=r"did not answer 'running' within 0\.1 s") as error:
-            link.ask("running")
-        assert "\n" not in str(error.value)
-        monkeypatch.setattr("cablecast.rigs.ur.link._ANSWER_TIME_MAX", 60.0)
-        assert link.ask("safetymode") == "Safetymode: NORMAL"
-        make(process, "dashboard_off")
-        with pytest.raises(RigError, match="no dashboard server answers"):
-            link.ask("running")
-    finally:
-        link.close()
-        process.admin.clear()
+    with pytest.raises(RigError, match=r"did not answer 'running' within 0\.1 s") as error:
+        link.ask("running")
+    assert "\n" not in str(error.value)
+    monkeypatch.setattr("cablecast.rigs.ur.link._ANSWER_TIME_MAX", 60.0)
+    assert link.ask("safetymode") == "Safetymode: NORMAL"
+    make_fault(process, "dashboard_off")
+    with pytest.raises(RigError, match="no dashboard server answers"):
+        link.ask("running")
 
 
-def test_local_control_is_refused_where_it_can_be_asked_for(twin):
-    name, process, setup = twin
+def test_local_control_is_refused_where_it_can_be_asked_for(twin, link):
+    name, process, _ = twin
     if "local_control" not in faults_of(name):
         assert name == "cb3"
         return
-    link = UrLink(setup.robot)
-    try:
-        make(process, "local_control")
-        if name == "e-series":
-            with pytest.raises(RigError, match="switch the pendant to remote control"):
-                check_ready(link)
-        link.send_program("def cablecast_none():\n  stopj(2)\nend\n")
-        deadline = time.monotonic() + 30.0
-        while time.monotonic() < deadline:
-            if process.admin.events()[-1].get("reason") == "in local control":
-                break
-            time.sleep(0.02)
-        assert process.admin.events()[-1]["what"] == "program refused"
-    finally:
-        link.close()
-        process.admin.clear()
-
-
-def test_a_program_that_hangs_is_ended_with_and_without_a_dashboard(twin):
-    _, process, setup = twin
-    link = UrLink(setup.robot)
-    try:
-        q = link.wait_for_report().target_q.round(6).tolist()
-        hold = f"servoj({q}, t=0.1, lookahead_time=0.1, gain=300)"
-        link.send_program(f"def hang():\n  local n = 0\n  while n < 1:\n    {hold}\n  end\nend\n")
-        deadline = time.monotonic() + 30.0
-        # Reports of before may still be under way.
-        while not link.wait_for_report().is_playing:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        assert process.admin.state()["program"] == "hang"
-        with pytest.raises(RigError, match="another program runs on the controller"):
+    make_fault(process, "local_control")
+    if name == "e-series":
+        with pytest.raises(RigError, match="switch the pendant to remote control"):
             check_ready(link)
-        link.stop_program()
-        while process.admin.state()["program"]:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-    finally:
-        link.close()
+    link.send_program("def cablecast_none():\n  stopj(2)\nend\n")
+    wait_until(lambda: process.admin.events()[-1].get("reason") == "in local control")
+    assert process.admin.events()[-1]["what"] == "program refused"
+
+
+def test_a_program_that_hangs_is_ended_with_and_without_a_dashboard(twin, link):
+    process = twin[1]
+    q = link.wait_for_report().target_q.round(6).tolist()
+    hold = f"servoj({q}, t=0.1, lookahead_time=0.1, gain=300)"
+    link.send_program(f"def hang():\n  local n = 0\n  while n < 1:\n    {hold}\n  end\nend\n")
+    # Reports of before may still be under way.
+    wait_until(lambda: link.wait_for_report().is_playing)
+    assert process.admin.state()["program"] == "hang"
+    with pytest.raises(RigError, match="another program runs on the controller"):
+        check_ready(link)
+    link.stop_program()
+    wait_until(lambda: not process.admin.state()["program"])
 
 
 @pytest.mark.parametrize("version", [(7, 1, 0, 0), (4, 9, 9, 9)])
@@ -149,10 +125,8 @@ def test_a_controller_of_an_unknown_version_is_refused_in_one_line(
     assert "\n" not in str(error.value)
 
 
-def test_a_program_reaches_a_controller_that_speaks_first(twin, monkeypatch):
-    _, _, setup = twin
-    link = UrLink(setup.robot)
-    server = socket.create_server((setup.robot.address, 0))
+def test_a_program_reaches_a_controller_that_speaks_first(link, monkeypatch):
+    server = socket.create_server((link.robot.address, 0))
     monkeypatch.setattr("cablecast.rigs.ur.link.PROGRAM_PORT", server.getsockname()[1])
     text, got = "# a program\n" * 2000, []
 
@@ -171,7 +145,6 @@ def test_a_program_reaches_a_controller_that_speaks_first(twin, monkeypatch):
     thread.start()
     link.send_program(text)
     thread.join()
-    link.close()
     server.close()
     assert b"".join(got).decode() == text
 
@@ -193,8 +166,7 @@ def test_no_report_is_lost_while_its_reader_is_busy(twin):
     name, process, setup = twin
     client = RtdeClient(setup.robot.address, 40, lambda version: ["timestamp", "actual_q"])
     begin = process.admin.state()["time"]
-    while process.admin.state()["time"] < begin + 1.0:
-        time.sleep(0.01)
+    wait_until(lambda: process.admin.state()["time"] > begin + 1.0)
     reports = list(itertools.islice(client.reports(), 100))
     steps = np.diff([report["timestamp"] for report in reports])
     np.testing.assert_allclose(steps, GENERATIONS[name].dt, atol=1e-9)

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from tests.rigs.ur.conftest import REST_SPEED, time_to_rest
+from tests.rigs.ur.conftest import REST_SPEED, make_fault, time_to_rest, wait_until
 
 from cablecast.errors import RigError, StoppedError
 from cablecast.motion.polar import reset_pose
@@ -120,11 +120,7 @@ def test_a_fault_in_the_motion_stops_the_arm_and_says_what_to_do(
     ],
 )
 def test_nothing_moves_where_the_controller_is_not_ready(link, twin, fault, words):
-    process = twin[0]
-    process.admin.fault(fault)
-    deadline = time.monotonic() + 60.0
-    while process.admin.state()["faults"] and time.monotonic() < deadline:
-        time.sleep(0.02)
+    make_fault(twin[0], fault)
     for _ in range(3):
         link.wait_for_report()
     with pytest.raises(RigError, match=words):
@@ -195,10 +191,7 @@ def test_an_arm_whose_driver_was_killed_comes_to_rest_by_itself(twin, tmp_path):
     )
     assert driver.returncode == -9
     begin = process.admin.state()["time"]
-    deadline = time.monotonic() + 120.0
-    while process.admin.state()["time"] < begin + 2.0:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_until(lambda: process.admin.state()["time"] > begin + 2.0)
     state = process.admin.state()
     assert state["at_rest"]
     assert state["program"] == ""

@@ -7,13 +7,12 @@ import dataclasses
 import os
 import signal
 import threading
-import time
 
 import numpy as np
 import pytest
 from benchmarks.truth import TruthCamera
 from tests.rigs.conftest import RigQuick
-from tests.rigs.ur.conftest import time_to_rest
+from tests.rigs.ur.conftest import is_idle, make_fault, time_to_rest, wait_until
 
 from cablecast.cast import TrialStatus
 from cablecast.data.record import collect_dataset
@@ -146,8 +145,7 @@ def test_an_interrupt_stops_the_arm(stick, cast):
         start = stick[0].admin.state()["q"][0]
 
         def interrupt():
-            while abs(stick[0].admin.state()["q"][0] - start) < 0.15:
-                time.sleep(0.01)
+            wait_until(lambda: abs(stick[0].admin.state()["q"][0] - start) > 0.15)
             os.kill(os.getpid(), signal.SIGINT)
 
         thread = threading.Thread(target=interrupt)
@@ -156,10 +154,7 @@ def test_an_interrupt_stops_the_arm(stick, cast):
             rig.execute(cast)
         thread.join()
         # On a busy computer the twin's clock is slower than that of this test.
-        deadline = time.monotonic() + 60.0
-        while not (state := stick[0].admin.state())["at_rest"] or state["program"]:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_until(lambda: is_idle(stick[0]))
         begin = _last(stick[0].admin.events(), "program ends", "cablecast_cast")["time"]
         truth = stick[0].admin.truth(begin - 2.0, begin)
         assert max(truth["joint_speed"]) > 0.5
@@ -215,9 +210,7 @@ def test_a_reset_that_leaves_the_cable_aside_is_given_up_after_three(twin, rig, 
 def test_a_cable_that_slips_out_of_the_jaws_in_mid_cast_is_no_data(twin, wide_cast):
     process, setup = twin
     # A person grips it anew, and lays it straight, however the last test left it.
-    process.admin.fault("cable_slips")
-    while process.admin.state()["faults"]:
-        time.sleep(0.02)
+    make_fault(process, "cable_slips")
     process.admin.clear()
     with RigQuick(setup, TruthCamera(setup)) as rig:
         rig.reset()

@@ -4,11 +4,10 @@ The cable is EngineWarp's, held by the joints that the twin reported.
 """
 
 import dataclasses
-import time
 
 import numpy as np
 import pytest
-from tests.rigs.ur.conftest import UR10E
+from tests.rigs.ur.conftest import UR10E, is_idle, wait_until
 
 from cablecast.aiming.config import AimConfig
 from cablecast.cast import EndpointTrack, TrialStatus
@@ -198,14 +197,7 @@ def clear(process, rig):
     """Do what a person does after a fault, once the arm rests."""
     process.admin.clear()
     cleared = process.admin.state()["time"]
-    deadline = time.monotonic() + 60.0
-    while (
-        not (state := process.admin.state())["at_rest"]
-        or state["program"]
-        or not has_heard_of(rig, cleared)
-    ):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_until(lambda: is_idle(process) and has_heard_of(rig, cleared))
 
 
 @pytest.mark.slow
