@@ -28,6 +28,11 @@ def points(controller, home):
     return straight_move(home, home + [0.3, 0, 0, 0, 0, 0], 1.0)
 
 
+def read(controller, register):
+    """Return what a program wrote into a register."""
+    return controller.int_registers[controller.robot.output_register + register]
+
+
 def run(controller, duration, beat=True):
     for _ in range(round(duration / controller.dt)):
         if beat:
@@ -46,26 +51,20 @@ def time_to_rest(controller, beat=True):
 def test_a_motion_program_is_carried_out_to_its_end(controller, points, home, twin_setup):
     controller.load(motion_program("cast", points, twin_setup.robot, 7))
     run(controller, points.duration + SETTLE_TIME)
-    assert controller.int_registers[controller.robot.output_register + STATE] == ProgramState.DONE
-    assert controller.int_registers[controller.robot.output_register + TICK] == round(
-        1000 * points.duration
-    )
+    assert read(controller, STATE) == ProgramState.DONE
+    assert read(controller, TICK) == round(1000 * points.duration)
     assert not controller.is_running_program
     np.testing.assert_allclose(controller.arm.q, points.q[-1], atol=1e-3)
-
-
-def start(controller, points, setup, duration=0.55):
-    """Begin a motion, and let it run into its middle."""
-    controller.load(motion_program("cast", points, setup.robot, 7))
-    run(controller, duration)
-    assert not controller.at_rest
 
 
 @pytest.mark.parametrize("event", ["protective_stop", "emergency_stop", "stop", "silence", "ask"])
 def test_whatever_stops_the_arm_brings_it_to_rest_within_half_a_second(
     controller, points, twin_setup, event
 ):
-    start(controller, points, twin_setup)
+    controller.load(motion_program("cast", points, twin_setup.robot, 7))
+    # Into the middle of the motion.
+    run(controller, 0.55)
+    assert not controller.at_rest
     beat = True
     if event == "protective_stop":
         controller.protective_stop("test")
@@ -82,7 +81,7 @@ def test_whatever_stops_the_arm_brings_it_to_rest_within_half_a_second(
     assert not controller.is_running_program
     states = {"silence": ProgramState.SILENCE, "ask": ProgramState.STOPPED}
     if event in states:
-        assert controller.int_registers[controller.robot.output_register + STATE] == states[event]
+        assert read(controller, STATE) == states[event]
 
 
 def test_a_stop_for_safety_lets_no_program_start_until_a_person_clears_it(
@@ -103,7 +102,7 @@ def test_at_half_speed_the_same_way_takes_twice_as_long(controller, points, twin
     run(controller, points.duration + 0.3)
     assert controller.is_running_program
     run(controller, points.duration + 0.3 + SETTLE_TIME)
-    assert controller.int_registers[controller.robot.output_register + STATE] == ProgramState.DONE
+    assert read(controller, STATE) == ProgramState.DONE
 
 
 def jump(home):
