@@ -8,7 +8,6 @@ Each prints its tables and writes them to a file, with what they were measured o
 
 import dataclasses
 import importlib
-import pathlib
 import shlex
 import subprocess
 import sys
@@ -192,7 +191,7 @@ def run_all(args: AllArgs) -> int:
 
 def stored_result(name: str) -> Result | None:
     """Return a result that pages quote; None where it is still to be measured."""
-    path: pathlib.Path = FOLDER / f"{name}.json"
+    path = FOLDER / f"{name}.json"
     return Result.read(path) if path.is_file() else None
 
 
