@@ -64,6 +64,12 @@ class OffsetRig(RigLifecycle):
         )
 
 
+def drain(worker):
+    """Do what was submitted, and return."""
+    while worker.busy:
+        worker._step()
+
+
 @pytest.fixture(scope="session")
 def policy():
     actions = grid_actions(ActionRanges(), (3, 40, 20, 3))

@@ -6,6 +6,7 @@ import types
 
 import numpy as np
 import pytest
+from tests.view.conftest import drain
 
 from cablecast.aiming.predictor import Beliefs
 from cablecast.aiming.session import AimSession
@@ -54,7 +55,7 @@ def page(open_desk, policy, learning, tmp_path):
 def cast_at_target(page):
     page.aim(TARGET)
     page.cast()
-    page.worker.drain()
+    drain(page.worker)
 
 
 def test_point_cast_correct_replay_undo(page, drawn):
@@ -64,15 +65,15 @@ def test_point_cast_correct_replay_undo(page, drawn):
     assert desk.phase is Phase.PLANNED
     assert [field.value for field in page._target_fields] == [1.188, 14.6]
     page.cast()
-    page.worker.drain()
+    drain(page.worker)
     assert page.worker.state.message == ""
     assert desk.phase is Phase.LANDED
     page.correct()
-    page.worker.drain()
+    drain(page.worker)
     assert [one.try_number for one in desk.tries] == [1, 2]
     # A person who saw the first cast only, in another tab, corrects nothing.
     page.correct(desk.tries[0])
-    page.worker.drain()
+    drain(page.worker)
     assert "there was another cast meanwhile" in page.worker.state.message
     assert len(desk.tries) == 2
     page.replay(try_name(desk.tries[0], desk))
@@ -93,12 +94,12 @@ def test_a_fit_to_all_casts_is_long_work_that_leaves_out_what_was_undone(page, l
     learning.error = InputError("no disk")
     page.refit()
     assert page.worker.state.name == "a fit to all casts"
-    page.worker.drain()
+    drain(page.worker)
     assert page.worker.state.message == "no disk"
     assert desk.session.fitted_count == 0
     learning.error = None
     page.refit()
-    page.worker.drain()
+    drain(page.worker)
     assert page.worker.state.message == ""
     assert learning.counts == [(2, 3)]
     assert desk.session.fitted_count == len(desk.session.predictor.casts) == 2
@@ -118,7 +119,7 @@ def test_a_target_that_is_planned_as_the_new_fit_comes_stays_planned(page, learn
 
     desk.task.rehearse = rehearsed
     page.refit()
-    page.worker.drain()
+    drain(page.worker)
     assert desk.phase is Phase.PLANNED
     # What is drawn is the plan, not the cast before.
     assert "/marks/expected" in drawn(page.server)
@@ -132,7 +133,7 @@ def test_a_bad_target_and_a_rig_that_fails_leave_a_sentence_and_the_page(page, o
     cast_at_target(page)
     assert "protective stop" in page.worker.state.message
     page.cast()
-    page.worker.drain()
+    drain(page.worker)
     assert page.desk.phase is Phase.LANDED
 
 
@@ -221,7 +222,7 @@ def test_the_last_miss_is_written_over_no_other_number(page, own, drawn):
     own.offset = np.array([-0.3, 0.1])
     for _ in range(2):
         page.correct()
-        page.worker.drain()
+        drain(page.worker)
     target = page.desk.last.target_xy
     # Two at one place, and one beyond the text of both.
     ends = [(-0.01, 0.0), (-0.3, 0.0), (0.0, 0.0)]

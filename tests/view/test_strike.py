@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from PIL import Image
+from tests.view.conftest import drain
 
 from cablecast.aiming.config import AimConfig
 from cablecast.cast import TrialStatus
@@ -69,16 +70,16 @@ def page(rig, engine, prepared, tmp_path, monkeypatch):
 
     opened = Page(desk, Worker(), prepare, tmp_path, port=0)
     opened.prepare()
-    opened.worker.drain()
+    drain(opened.worker)
     yield opened
     opened.close()
 
 
 def strike(page, target=TARGET):
     page.aim(target)
-    page.worker.drain()
+    drain(page.worker)
     page.cast()
-    page.worker.drain()
+    drain(page.worker)
 
 
 def test_a_person_points_swings_and_corrects_and_aim_goes_on_with_the_same_folder(
@@ -91,7 +92,7 @@ def test_a_person_points_swings_and_corrects_and_aim_goes_on_with_the_same_folde
     page.aim(TARGET)
     # A plan may take seconds: a person sees that it is under way.
     assert page.worker.state.name == "a plan"
-    page.worker.drain()
+    drain(page.worker)
     assert page.worker.state.message == ""
     assert desk.phase is Phase.PLANNED
     plan = plan_text(desk.preview, desk)
@@ -102,14 +103,14 @@ def test_a_person_points_swings_and_corrects_and_aim_goes_on_with_the_same_folde
     assert [field.value for field in page._target_fields] == list(TARGET)
     assert {"/marks/expected", "/figures/plan/cable"} <= drawn(page.server).keys()
     page.cast()
-    page.worker.drain()
+    drain(page.worker)
     assert page.worker.state.message == ""
     one = desk.last
     assert "the nearest point of its path is" in desk.message
     assert f"{one.miss_pct * SETUP.cable.length:.1f} cm" in tries_text(desk)
     assert not one.hit
     page.correct()
-    page.worker.drain()
+    drain(page.worker)
     assert desk.last.try_number == 2
     page.stage.player.seek(page.stage.player.duration)
     ball = drawn(page.server)[f"/marks/tries/{desk.last.number}/ball"]
@@ -122,9 +123,9 @@ def test_a_person_points_swings_and_corrects_and_aim_goes_on_with_the_same_folde
 
 def test_a_place_that_cannot_be_struck_is_said_at_once_with_the_nearest_that_can(page, drawn):
     page.aim(TARGET)
-    page.worker.drain()
+    drain(page.worker)
     page.aim_typed(*FAR)
-    page.worker.drain()
+    drain(page.worker)
     said = status_text(page.desk, page.worker.state)
     assert "3.00 m ahead, 0.90 m high cannot be struck: the nearest point" in said
     assert page.desk.phase is Phase.READY

@@ -2,6 +2,7 @@ import dataclasses
 import types
 
 import numpy as np
+from tests.view.conftest import drain
 
 from cablecast.runs.progress import Progress
 from cablecast.setup import Setup, StrikeConfig
@@ -78,7 +79,7 @@ def test_the_tour_follows_the_steps_of_the_work(rig, engine):
             seen.append(tour_text(desk, worker.state))
 
     worker.submit("getting ready", work)
-    worker.drain()
+    drain(worker)
     assert ["▶ **Cast a few" in text for text in seen] == [True, True, False, False]
     assert ["▶ **Fit" in text for text in seen] == [False, False, True, True]
 

@@ -1,3 +1,4 @@
+import contextlib
 import threading
 import time
 
@@ -12,17 +13,21 @@ def run_with(worker, scenario):
     """Run the worker here, in the main thread, while a scenario acts from another."""
     errors = []
 
+    def leave(report):
+        raise SystemExit
+
     def act():
         try:
             scenario()
         except BaseException as error:
             errors.append(error)
         finally:
-            worker.end()
+            worker._queue.put(leave)
 
     thread = threading.Thread(target=act)
     thread.start()
-    worker.run()
+    with contextlib.suppress(SystemExit):
+        worker.run()
     thread.join()
     if errors:
         raise errors[0]

@@ -20,7 +20,6 @@ from cablecast.runs.progress import Pace, Progress, ProgressCallback
 Work = Callable[[ProgressCallback], None]
 
 _STEP = re.compile(r"(\d+)/\d+ ")
-_LOOK_EVERY = 0.2  # Time after which an idle worker looks whether it should end [s].
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -59,7 +58,6 @@ class Worker:
         self._thread = threading.get_ident()
         self._queue: queue.SimpleQueue[Work] = queue.SimpleQueue()
         self._asked_to_stop = False
-        self._ended = False
         self._pace = Pace()
 
     @property
@@ -98,17 +96,13 @@ class Worker:
             if not self.state.name:
                 self.state = WorkState()
 
-    def end(self) -> None:
-        """Let `run` return once the work under way is done."""
-        self._ended = True
-
     def run(self) -> None:
-        """Do the work that is submitted, until `end` is called.
+        """Do the work that is submitted, without end.
 
         Raises:
             KeyboardInterrupt: Somebody at the keyboard stopped the program.
         """
-        while not self._ended:
+        while True:
             try:
                 self._step()
             except KeyboardInterrupt:
@@ -120,16 +114,9 @@ class Worker:
                         self._queue.get_nowait()
                 self._finish("stopped")
 
-    def drain(self) -> None:
-        """Do what was submitted, and return."""
-        while self.busy:
-            self._step()
-
     def _step(self) -> None:
-        try:
-            work = self._queue.get(timeout=_LOOK_EVERY)
-        except queue.Empty:
-            return
+        """Wait for some work, and do it."""
+        work = self._queue.get()
         try:
             work(self._report)
         except KeyboardInterrupt:
