@@ -51,7 +51,8 @@ def serve(rig, session, folder, port):
     """Serve a session of a rig."""
     desk, worker = Desk(rig), Worker()
     desk.set_session(session)
-    page = Page(desk, worker, lambda report: None, folder, port=port, rate=FRAMES_PER_SECOND)
+    page = Page(desk, worker, lambda report: None, folder, port=port)
+    page.stage.player.rate = FRAMES_PER_SECOND
     print(page.address, flush=True)
     worker.run()
 

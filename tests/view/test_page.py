@@ -81,7 +81,7 @@ def test_point_cast_correct_replay_undo(page, drawn):
     page.undo()
     assert "discarded" in desk.message
     assert "/marks/expected" not in drawn(page.server)
-    page.aim_typed(1.2, -20.0)
+    page.aim(page.desk.task.from_typed(1.2, -20.0))
     assert desk.phase is Phase.PLANNED
     assert desk.preview.proposal.goal.value[0] < 0
 
@@ -115,7 +115,7 @@ def test_a_target_that_is_planned_as_the_new_fit_comes_stays_planned(page, learn
 
     def rehearsed(session):
         rehearse(session)
-        page.aim_typed(1.2, -20.0)
+        page.aim(page.desk.task.from_typed(1.2, -20.0))
 
     desk.task.rehearse = rehearsed
     page.refit()

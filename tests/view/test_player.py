@@ -17,7 +17,8 @@ class Noting:
 
 @pytest.fixture
 def player():
-    playing = Player(pause=0.0)
+    playing = Player()
+    playing.pause = 0.0
     yield playing
     playing.close()
 

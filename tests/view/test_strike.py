@@ -124,7 +124,7 @@ def test_a_person_points_swings_and_corrects_and_aim_goes_on_with_the_same_folde
 def test_a_place_that_cannot_be_struck_is_said_at_once_with_the_nearest_that_can(page, drawn):
     page.aim(TARGET)
     drain(page.worker)
-    page.aim_typed(*FAR)
+    page.aim(page.desk.task.from_typed(*FAR))
     drain(page.worker)
     said = status_text(page.desk, page.worker.state)
     assert "3.00 m ahead, 0.90 m high cannot be struck: the nearest point" in said

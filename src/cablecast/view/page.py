@@ -77,7 +77,7 @@ class Page:
     """Draws a desk and a worker, and hands clicks to them.
 
     The worker calls `prepare` to get the desk ready for the first target. `folder` holds the
-    session. The arm is drawn as rods without meshes, at a rate in frames a second [1/s].
+    session. The arm is drawn as rods without meshes.
     """
 
     def __init__(
@@ -90,7 +90,6 @@ class Page:
         host: str = "127.0.0.1",
         port: int,
         meshes: ArmMeshes | None = None,
-        rate: float = 25.0,
     ):
         self.desk, self.worker, self._prepare = desk, worker, prepare
         self._folder = folder
@@ -101,7 +100,7 @@ class Page:
         gui.set_panel_label("cablecast")
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BLUE)
         gui.main_panel.dock_right()
-        self.stage = Stage(self.server, desk.setup, rate=rate, meshes=meshes)
+        self.stage = Stage(self.server, desk.setup, meshes)
         camera = self.server.initial_camera
         camera.position, camera.look_at, camera.fov = viewpoint(desk.setup, WIDE, panel=True)
         self._refreshers: list[Callable[[], None]] = []
@@ -160,19 +159,14 @@ class Page:
                     self.stage.table.clear()
 
         if self.desk.task.plans_long:
-            self.guard(lambda: self.worker.submit("a plan", plan))
+            self._submit("a plan", plan)
         else:
             self.guard(lambda: plan(ignore))
-
-    def aim_typed(self, first: float, second: float) -> None:
-        """Choose a target by the two numbers that a person types."""
-        self.aim(self.desk.task.from_typed(first, second))
 
     def cast(self, planned: Preview | None = None) -> None:
         """Cast as planned; the plan that a person saw when pressing the button, and no other."""
         planned = planned or self.desk.preview
-        name = f"a {self.desk.task.verb.lower()}"
-        self.guard(lambda: self.worker.submit(name, lambda report: self._cast(planned)))
+        self._submit(f"a {self.desk.task.verb.lower()}", lambda report: self._cast(planned))
 
     def correct(self, missed: Cast | None = None) -> None:
         """Plan again against the last miss, the one that a person saw, and cast."""
@@ -185,8 +179,7 @@ class Page:
             self._show_plan(planned)
             self._cast(planned)
 
-        name = f"a corrected {self.desk.task.verb.lower()}"
-        self.guard(lambda: self.worker.submit(name, work))
+        self._submit(f"a corrected {self.desk.task.verb.lower()}", work)
 
     def undo(self) -> None:
         """Discard the last try."""
@@ -197,7 +190,7 @@ class Page:
 
     def prepare(self) -> None:
         """Get ready for the first target: casts, fit, simulation, training."""
-        self.guard(lambda: self.worker.submit("getting ready", self._prepare))
+        self._submit("getting ready", self._prepare)
 
     def refit(self) -> None:
         """Fit the simulator to all casts of the session, and plan with its model."""
@@ -209,7 +202,7 @@ class Page:
                 self.show_rest()
             self.show_map(self._map_is_shown)
 
-        self.guard(lambda: self.worker.submit("a fit to all casts", work))
+        self._submit("a fit to all casts", work)
 
     def replay(self, name: str) -> None:
         """Show a try again, by its name in the list."""
@@ -240,6 +233,10 @@ class Page:
         except Exception as error:
             self.say(error_line(error))
         self.refresh()
+
+    def _submit(self, name: str, work: Work) -> None:
+        """Hand work to the worker, which may be busy; a person reads its name."""
+        self.guard(lambda: self.worker.submit(name, work))
 
     def say(self, text: str) -> None:
         """Show a sentence in every tab."""
@@ -387,7 +384,7 @@ class Page:
                 for label, value, low, high, step in task.fields()
             )
             gui.add_button("Plan", color=SLATE).on_click(
-                lambda _: self.aim_typed(first.value, second.value)
+                lambda _: self.aim(task.from_typed(first.value, second.value))
             )
         self._target_fields = first, second
         tries = gui.add_folder("Tries")
@@ -482,7 +479,7 @@ class Page:
                 desk.task.film(self._folder, trials)(path, config, report)
                 self.server.send_file_download(name, path.read_bytes())
 
-        button.on_click(lambda _: self.guard(lambda: self.worker.submit("a film", film)))
+        button.on_click(lambda _: self._submit("a film", film))
 
     def _add_playback(self, gui: Any) -> None:
         """Add the time slider, pause and speed of plans, tries and casts of a folder."""

@@ -597,20 +597,21 @@ class PlaneScene(TargetScene):
 class Player:
     """Plays casts side by side in a thread of its own, and hides figures that no longer play.
 
-    It draws at a rate [1/s], and shows the end of a cast for a pause [s] before the next round.
-
     Attributes:
         time: Time that is shown [s].
         speed: Shown seconds per second.
+        rate: Pictures a second [1/s].
+        pause: Time that the end of a cast is shown before the next round [s].
         on_frame: Called with the time [s] at every frame, e.g. to move a slider.
     """
 
-    def __init__(self, *, rate: float = 25.0, pause: float = 0.8):
+    def __init__(self):
         self.time = 0.0
         self.speed = 1.0
+        self.rate = 25.0
+        self.pause = 0.8
         self.playing = False
         self.on_frame: Callable[[float], None] = lambda time: None
-        self._rate, self._pause = rate, pause
         self._acts: list[tuple[Any, ShownCast]] = []
         self._rounds = 1
         self._done: Callable[[], None] | None = None
@@ -702,14 +703,14 @@ class Player:
                     self._advance(now - before)
             before = now
             # What drawing took is part of the frame.
-            time.sleep(max(0.002, 1.0 / self._rate - (time.monotonic() - now)))
+            time.sleep(max(0.002, 1.0 / self.rate - (time.monotonic() - now)))
 
     def _advance(self, seconds: float) -> None:
         end = self.duration
         # Between two rounds the time runs on through the pause.
         self.time += self.speed * seconds
         done = self._done if self.time >= end else None
-        if self._rounds > 1 and self.time >= end + self._pause * self.speed:
+        if self._rounds > 1 and self.time >= end + self.pause * self.speed:
             self.time, self._rounds = 0.0, self._rounds - 1
         elif self._rounds <= 1 and self.time >= end:
             self.time, self.playing = end, False
@@ -722,17 +723,10 @@ class Player:
 class Stage:
     """What targets lie on, and the figures of `FIGURE_COLORS`: those that play are seen."""
 
-    def __init__(
-        self,
-        server: "viser.ViserServer",
-        setup: Setup,
-        *,
-        rate: float,
-        meshes: ArmMeshes | None,
-    ):
+    def __init__(self, server: "viser.ViserServer", setup: Setup, meshes: ArmMeshes | None):
         self._server, self._setup, self._meshes = server, setup, meshes
         self.table = TargetScene.of(server, setup)
-        self.player = Player(rate=rate)
+        self.player = Player()
         # Those that were shown so far.
         self.figures: dict[str, Figure] = {}
 
