@@ -32,7 +32,8 @@ def rotate(quat_wxyz, vector):
 
 def test_a_unit_cylinder_is_turned_onto_each_rod():
     ends = np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, -1], [0.3, -0.4, 0.5]])
-    rods = Rods(ends=np.stack([np.zeros((5, 3)), ends], axis=1), radii=np.full(5, 0.1))
+    ends_of_rods, no_housings = np.stack([np.zeros((5, 3)), ends], axis=1), np.zeros(5, dtype=bool)
+    rods = Rods(ends=ends_of_rods, radii=np.full(5, 0.1), housings=no_housings)
     for quat, center, scale, end in zip(
         rods.quats_wxyz, rods.centers, rods.scales, ends, strict=True
     ):

@@ -35,6 +35,7 @@ from cablecast.view.shapes import (
     WHITE,
     Array,
     Color,
+    Rods,
     arm_rods,
     level,
     polyline,
@@ -165,7 +166,8 @@ class Painter:
         if len(trail := shot.cast.trail(time)) > 1:
             self._line(pen, level(trail, 0.002), (*BLUE, 110), 1.2)
         nodes, q = shot.cast.nodes_at(time), shot.cast.joints_at(time)
-        self._cast_shadow(image, nodes, q)
+        rods = None if q is None else arm_rods(q, self.setup.arm)
+        self._cast_shadow(image, nodes, rods)
         if shot.other is not None and (ghost := shot.other.nodes_at(time)) is not None:
             self._cable(pen, ghost, PURPLE, thin=True)
         if nodes is not None:
@@ -173,8 +175,8 @@ class Painter:
         tip = shot.cast.tip_at(time)
         if np.all(np.isfinite(tip)):
             self._dot(pen, tip, 0.016, BLUE)
-        if q is not None:
-            self._arm(pen, q)
+        if rods is not None:
+            self._arm(pen, rods)
         if time >= shot.cast.duration:
             self._mark_miss(pen, shot)
         self._write(pen, shot.result if time >= shot.cast.duration else shot.caption)
@@ -187,7 +189,7 @@ class Painter:
         front = np.concatenate([top[:2], top[1::-1] - [0.0, 0.0, 0.04]])
         self._polygon(pen, front, TABLE_SIDE)
         self._polygon(pen, top, TABLE)
-        for line in table_lines(self.setup, 0.25, 0.0):
+        for line in table_lines(self.setup, 0.0):
             self._line(pen, line, TABLE_LINE, 0.5)
         for segment in reach_arc(self.setup, 0.0):
             self._line(pen, segment, JOINT, 1.0)
@@ -198,8 +200,7 @@ class Painter:
         x, y0, y1 = table.half_width, table.y_min, table.y_max
         return np.array([[-x, y0, 0.0], [x, y0, 0.0], [x, y1, 0.0], [-x, y1, 0.0]])
 
-    def _arm(self, pen: Any, q: Array) -> None:
-        rods = arm_rods(q, self.setup.arm)
+    def _arm(self, pen: Any, rods: Rods) -> None:
         for rod in np.argsort(-self._depth(rods.ends).sum(axis=1)):
             segment, radius = rods.ends[rod], float(rods.radii[rod])
             # From the rim to the light: a rod looks round.
@@ -215,13 +216,12 @@ class Painter:
             for segment in polyline(nodes):
                 self._capsule(pen, segment, share * radius, _lit(color, light))
 
-    def _cast_shadow(self, image: Image.Image, nodes: Array | None, q: Array | None) -> None:
+    def _cast_shadow(self, image: Image.Image, nodes: Array | None, rods: Rods | None) -> None:
         """Darken the table below the arm and the cable, once where shadows overlap."""
         mask = Image.new("L", image.size, 0)
         pen = ImageDraw.Draw(mask)
         parts: list[tuple[Array, float]] = []
-        if q is not None:
-            rods = arm_rods(q, self.setup.arm)
+        if rods is not None:
             parts += zip(rods.ends, rods.radii.tolist(), strict=True)
         if nodes is not None:
             parts += [(pair, CABLE_RADIUS_MIN) for pair in polyline(nodes)]

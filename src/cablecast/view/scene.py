@@ -551,7 +551,7 @@ class TableScene(TargetScene):
                 position=(0.0, middle, z),
                 cast_shadow=False,
             )
-        self._lines("/room/lines", table_lines(self._setup, 0.25, LIFT / 2), TABLE_LINE, 1.0)
+        self._lines("/room/lines", table_lines(self._setup, LIFT / 2), TABLE_LINE, 1.0)
         self._lines("/room/reach", reach_arc(self._setup, LIFT), JOINT, 2.0)
         # The base is at 0 m ahead.
         low = (-table.half_width, max(table.y_min, 0.1))
@@ -584,7 +584,7 @@ class PlaneScene(TargetScene):
                 position=(0.0, 0.0, floor / 2),
                 cast_shadow=False,
             )
-        self._lines("/room/lines", grid_lines(low, high, 0.25, 0.0), TABLE_LINE, 1.0)
+        self._lines("/room/lines", grid_lines(low, high, 0.0), TABLE_LINE, 1.0)
         # Not where both would meet.
         self._scale(low + 0.3, high, low[1] + 0.07, low[0] + 0.14, plate=WHITE)
         self._pane = self._sheet("/room/pane", low, high, SKY, opacity=_PANE_OPACITY)

@@ -48,6 +48,7 @@ MAP_FULL_SHARE = 0.25
 # Colours of shares 0, 1/2 and 1 of that. Blue to orange stays distinct under colour blindness.
 MAP_COLORS = np.array([[0, 114, 178], [240, 228, 66], [213, 94, 0]], dtype=float)
 
+_GRID_STEP = 0.25  # Distance of the lines across the table or the plane of a swing [m].
 _MAP_STEP = 0.04  # Distance of the targets of the map [m].
 _HATCH_STEP = 0.03  # Distance of the lines across a place that the camera is blind at [m].
 _TUBE_SIDES = 6
@@ -75,15 +76,12 @@ class Rods:
     Attributes:
         ends: Both ends of each rod's axis [m], shape [rod, 2, 3].
         radii: Radius [m], shape [rod].
-        housings: Which rods are the housing of a joint, shape [rod]; none by default.
+        housings: Which rods are the housing of a joint, shape [rod].
     """
 
     ends: Array
     radii: Array
-    housings: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.array(False))
-
-    def __post_init__(self):
-        object.__setattr__(self, "housings", np.broadcast_to(self.housings, self.radii.shape))
+    housings: NDArray[np.bool_]
 
     @property
     def scales(self) -> Array:
@@ -247,22 +245,23 @@ def target_marks(xy: Array, height: float, within: float = 0.0) -> Array:
     return np.concatenate([circle(xy, radius, height), cross])
 
 
-def table_lines(setup: Setup, step: float, height: float) -> Array:
-    """Return lines across the table every `step` metres, shape [line, 2, 3]."""
+def table_lines(setup: Setup, height: float) -> Array:
+    """Return the lines of a grid across the table [m], shape [line, 2, 3]."""
     table = setup.workspace
-    low, high = (-table.half_width, table.y_min), (table.half_width, table.y_max)
-    return grid_lines(low, high, step, height)
+    return grid_lines((-table.half_width, table.y_min), (table.half_width, table.y_max), height)
 
 
-def grid_lines(low: ArrayLike, high: ArrayLike, step: float, height: float) -> Array:
-    """Return level lines every `step` metres between two corners [m], shape [line, 2, 3]."""
+def grid_lines(low: ArrayLike, high: ArrayLike, height: float) -> Array:
+    """Return the level lines of a grid between two corners [m], shape [line, 2, 3]."""
     (x0, y0), (x1, y1) = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
-    lines = []
-    for x in step * np.arange(np.ceil(x0 / step), np.floor(x1 / step) + 1):
-        lines.append([[x, y0, height], [x, y1, height]])
-    for y in step * np.arange(np.ceil(y0 / step), np.floor(y1 / step) + 1):
-        lines.append([[x0, y, height], [x1, y, height]])
+    lines = [[[x, y0, height], [x, y1, height]] for x in _multiples(x0, x1)]
+    lines += [[[x0, y, height], [x1, y, height]] for y in _multiples(y0, y1)]
     return np.array(lines)
+
+
+def _multiples(low: float, high: float) -> Array:
+    """Return the multiples of the grid's step within a range [m]."""
+    return _GRID_STEP * np.arange(np.ceil(low / _GRID_STEP), np.floor(high / _GRID_STEP) + 1)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -293,7 +292,7 @@ class Surface:
         """Rotation of the axes, shape [4]."""
         from scipy.spatial.transform import Rotation
 
-        return np.roll(Rotation.from_matrix(self.axes).as_quat(), 1)
+        return Rotation.from_matrix(self.axes).as_quat(scalar_first=True)
 
     def flat(self, values: ArrayLike) -> Array:
         """Return the places of outcomes, shape [..., k], on the surface [m], shape [..., 2]."""

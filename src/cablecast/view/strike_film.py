@@ -23,6 +23,8 @@ from cablecast.task import STRIKE
 from cablecast.view.film import CAST_COUNT_MAX, SAMPLES, FilmConfig, instants, write_frames
 from cablecast.view.shapes import ARM, BLUE, GREY, INK, SKY, VERMILLION, WHITE, Array, Color
 
+STRIKE_KINDS = (".mp4", ".gif")
+
 _MARGIN = 0.15  # About arm, targets and paths [m].
 _ARM_TIMES = 16  # Times at which the arm of a cast is looked at to have it in the picture.
 _DOT = 0.022  # Radius of the tip, and of a target's inner ring [m].
@@ -56,7 +58,7 @@ def write_strike_film(
     Raises:
         InputError: It is to be an HTML file, or there is nothing to film.
     """
-    if path.suffix.lower() not in (".gif", ".mp4"):
+    if path.suffix.lower() not in STRIKE_KINDS:
         raise InputError("a film of strikes ends in .mp4 or .gif")
     check_count("swings to film", len(casts), 1, CAST_COUNT_MAX)
     painter = _Painter(casts, config)

@@ -41,7 +41,7 @@ from cablecast.view.shapes import (
     passed_map,
     swing_extent,
 )
-from cablecast.view.strike_film import write_strike_film
+from cablecast.view.strike_film import STRIKE_KINDS, write_strike_film
 
 _EDGE = 0.1  # Least distance of a suggested target from the table's edges [m].
 
@@ -344,7 +344,7 @@ class PageStrike(PageTask[StrikeSession]):
         "drag_ratio",
         "damping_time",
     )
-    film_kinds = (".mp4", ".gif")
+    film_kinds = STRIKE_KINDS
 
     def propose(self, session: StrikeSession, target: ArrayLike) -> Proposal:
         """Propose the next swing at a target, given in space or in the plane."""
