@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from cablecast.aiming.session import AimSession, Stop
 from cablecast.cast import Cast, TrialStatus
 from cablecast.evaluation.evaluate import Evaluation, trial_rows
-from cablecast.report.curves import learning_curves
-from cablecast.report.maps import cast_frames, chosen_casts
 from cablecast.report.page import (
     error_table,
     paper_figures,
@@ -19,6 +17,7 @@ from cablecast.report.page import (
     render_template,
     rig_names,
     run_settings,
+    shared_figures,
 )
 from cablecast.report.style import svg_uri
 from cablecast.report.tables import Row, Table, flatten_settings, pct
@@ -94,10 +93,7 @@ def aim_page(tried: Tried, config: Mapping[str, Any]) -> str:
         figures["panels"] = svg_uri(target_panels(every, within_pct))
     if joints := joint_curves(every.casts, setup):
         figures["joints"] = svg_uri(joints)
-    if chosen := chosen_casts(every):
-        figures["casts"] = svg_uri(cast_frames(every, chosen))
-    if len(curve := info.get("curve", [])) > 1:
-        figures["learning"] = svg_uri(learning_curves([("", curve)], setup.cable.length))
+    figures |= shared_figures(every, info)
     return render_template(
         "aim.html",
         cable=setup.cable,

@@ -72,15 +72,12 @@ def report_page(
         (f"{rig_name}, all targets", evaluation.summary),
         (f"{rig_name}, targets in coverage", evaluation.summary_inside_coverage),
     ]
-    chosen = chosen_casts(evaluation)
     figures = {
         "errors": svg_uri(error_boxes(ours, published)),
         "landings": svg_uri(landing_map(evaluation, simulated_xy)),
         "targets": svg_uri(target_errors(evaluation)),
-        "casts": svg_uri(cast_frames(evaluation, chosen)) if chosen else "",
+        **shared_figures(evaluation, model_info),
     }
-    if len(curve := model_info.get("curve", [])) > 1:
-        figures["learning"] = svg_uri(learning_curves([("", curve)], evaluation.cable.length))
     dataset_settings = model_info.get("dataset", {}).get("settings", {})
     return render_template(
         "report.html",
@@ -111,6 +108,16 @@ def report_page(
         ],
         pct=pct,
     )
+
+
+def shared_figures(evaluation: Evaluation, model_info: Mapping[str, Any]) -> dict[str, str]:
+    """Return the figures of casts and of the model's training, each where there is something."""
+    figures = {}
+    if chosen := chosen_casts(evaluation):
+        figures["casts"] = svg_uri(cast_frames(evaluation, chosen))
+    if len(curve := model_info.get("curve", [])) > 1:
+        figures["learning"] = svg_uri(learning_curves([("", curve)], evaluation.cable.length))
+    return figures
 
 
 def rig_names(evaluation: Evaluation, config: Mapping[str, Any]) -> tuple[str, str]:

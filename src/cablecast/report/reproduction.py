@@ -318,7 +318,7 @@ def split_part(results: Reproduction) -> Part | None:
         for cable in results.cables
         for method, metrics in results.evaluations(cable).items()
     }
-    if (table := split_table(evaluations, "Errors, split")) is None:
+    if (table := split_table(evaluations)) is None:
         return None
     return Part(
         title="Where the errors come from",

@@ -204,7 +204,7 @@ def measured_table(evaluations: Mapping[str, Metrics], cable: str) -> Table:
     )
 
 
-def split_table(evaluations: Mapping[str, Metrics], title: str) -> Table | None:
+def split_table(evaluations: Mapping[str, Metrics]) -> Table | None:
     """Make a table of errors split into their causes, by name; None where none was split."""
     splits = {
         name: metrics["error_split"]
@@ -236,7 +236,8 @@ def split_table(evaluations: Mapping[str, Metrics], title: str) -> Table | None:
             " With one cast at each target, the scatter of equal casts cannot be told from the "
             "simulator's deviation."
         )
-    return Table(title=title, heads=("", "median", "rms", "share [%]"), rows=tuple(rows), note=note)
+    heads = ("", "median", "rms", "share [%]")
+    return Table(title="Errors, split", heads=heads, rows=tuple(rows), note=note)
 
 
 def coverage_table(selection: Metrics) -> Table:
