@@ -164,7 +164,8 @@ def draw_workspace(
             zorder=0,
         )
     )
-    x_lines, y_lines = _multiples(-half_width, half_width), _multiples(y_min, y_max)
+    x_lines = multiples(_GRID_STEP, -half_width, half_width)
+    y_lines = multiples(_GRID_STEP, y_min, y_max)
     if grid:
         line: dict[str, Any] = {"colors": FAINT, "linewidth": 0.6, "zorder": 0.5}
         # Not over the edges, which are darker.
@@ -185,10 +186,10 @@ def draw_workspace(
     axes.set_ylim(view.y_min, view.y_max)
 
 
-def _multiples(low: float, high: float) -> np.ndarray:
-    """Return the multiples of the grid's step within a range."""
-    first, last = np.ceil(low / _GRID_STEP - 1e-9), np.floor(high / _GRID_STEP + 1e-9)
-    return _GRID_STEP * np.arange(first, last + 1)
+def multiples(step: float, low: float, high: float) -> np.ndarray:
+    """Return the multiples of a step within a range."""
+    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    return step * np.arange(first, last + 1)
 
 
 def workspace_panels(

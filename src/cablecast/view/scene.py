@@ -19,6 +19,7 @@ from cablecast.cast import Cast, Proposal
 from cablecast.conventions import Ellipse
 from cablecast.errors import InputError
 from cablecast.pipeline.places import require
+from cablecast.report.style import multiples
 from cablecast.report.tries import REGION_SHARE
 from cablecast.setup import Setup
 from cablecast.view.arm_meshes import ArmMeshes
@@ -401,10 +402,10 @@ class TargetScene(abc.ABC):
     ) -> None:
         """Write the distances along both sides of a rectangle, at its edges [m]."""
         for axis, (start, end) in enumerate(zip(low, high, strict=True)):
-            for at in np.arange(np.ceil(2 * start) / 2, end + 1e-6, 0.5):
-                name = f"{'xy'[axis]}/{at:g}".replace("-", "m").replace(".", "_")
+            for at in multiples(0.5, start, end):
+                name = f"{'xy'[axis]}/{at:zg}".replace("-", "m").replace(".", "_")
                 place = (at, x_edge, LIFT) if axis == 0 else (y_edge, at, LIFT)
-                self._text(f"/room/scale/{name}", f"{at:g} m", place, plate=plate)
+                self._text(f"/room/scale/{name}", f"{at:zg} m", place, plate=plate)
 
     def set_sight(self, sight: CameraSight | None) -> None:
         """Mark the places on the table that the camera is blind at, where they are known."""

@@ -10,6 +10,7 @@ from cablecast.arm.shape import GRIPPER_ROD_COUNT, STANDING, arm_shape
 from cablecast.conventions import Array
 from cablecast.learning.policy import Policy
 from cablecast.motion.joint_move import JointMoves, SwingPlane, swing_shape
+from cablecast.report.style import multiples
 from cablecast.rigs.swings import move_envelope
 from cablecast.setup import Setup
 from cablecast.workspace import Workspace
@@ -254,14 +255,9 @@ def table_lines(setup: Setup, height: float) -> Array:
 def grid_lines(low: ArrayLike, high: ArrayLike, height: float) -> Array:
     """Return the level lines of a grid between two corners [m], shape [line, 2, 3]."""
     (x0, y0), (x1, y1) = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
-    lines = [[[x, y0, height], [x, y1, height]] for x in _multiples(x0, x1)]
-    lines += [[[x0, y, height], [x1, y, height]] for y in _multiples(y0, y1)]
+    lines = [[[x, y0, height], [x, y1, height]] for x in multiples(_GRID_STEP, x0, x1)]
+    lines += [[[x0, y, height], [x1, y, height]] for y in multiples(_GRID_STEP, y0, y1)]
     return np.array(lines)
-
-
-def _multiples(low: float, high: float) -> Array:
-    """Return the multiples of the grid's step within a range [m]."""
-    return _GRID_STEP * np.arange(np.ceil(low / _GRID_STEP), np.floor(high / _GRID_STEP) + 1)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -343,15 +339,16 @@ def viewpoint(
     The panel of the page covers the lower part of a tall picture. The plane of a swing is seen from
     its side.
     """
+    tall = panel and aspect <= 1.0
+    # The band of the picture that the table or the plane fills.
+    low, high = (0.24, 0.97) if tall else (-0.95, 0.95)
     if setup.strike is not None:
-        return _viewpoint_aside(setup, aspect, panel=panel)
+        return _viewpoint_aside(setup, aspect, low, high)
     table = setup.workspace
     x, near = np.array([table.half_width, table.y_min]) + _SCALE_ROOM * [1.0, -1.0]
     depth = table.y_max - near
-    # The band of the picture that the table fills.
-    low, high = (0.24, 0.97) if panel and aspect <= 1.0 else (-0.95, 0.95)
     # On a phone the width is what is short: seen from above the table is taller.
-    elevation = _ELEVATION_NARROW if panel and aspect <= 1.0 else _ELEVATION
+    elevation = _ELEVATION_NARROW if tall else _ELEVATION
     tan, sin, cos = np.tan(_FOV / 2), np.sin(elevation), np.cos(elevation)
     # Distance along the view of the near edge: it fits the width, and both edges the band.
     first = max(
@@ -366,10 +363,11 @@ def viewpoint(
     return look_at + away * np.array([0.0, -cos, sin]), look_at, float(_FOV)
 
 
-def _viewpoint_aside(setup: Setup, aspect: float, *, panel: bool) -> tuple[Array, Array, float]:
+def _viewpoint_aside(
+    setup: Setup, aspect: float, bottom: float, top: float
+) -> tuple[Array, Array, float]:
     """Return a place beside the plane of a swing from which all of it is seen; see `viewpoint`."""
     surface, (low, high) = Surface.of(setup), swing_extent(setup)
-    bottom, top = (0.24, 0.97) if panel and aspect <= 1.0 else (-0.95, 0.95)
     tan = np.tan(_FOV / 2)
     width, height = high - low
     away = _ROOM * max(width / (2 * tan * max(aspect, 0.2)), height / ((top - bottom) * tan))
