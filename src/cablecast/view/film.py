@@ -106,7 +106,10 @@ def write_film(
     if kind == ".html":
         write_text(path, film_html(setup, shots, config, progress))
     else:
-        write_frames(path, film_frames(setup, shots, config, progress), config)
+        painter = Painter(setup, config.width, config.height)
+        shown = instants([shot.cast.duration for shot in shots], config, progress)
+        frames = (painter.frame(shots[n], time, _tries_before(shots, n)) for n, time in shown)
+        write_frames(path, frames, config)
 
 
 def write_frames(path: pathlib.Path, frames: Iterator[Image.Image], config: FilmConfig) -> None:
@@ -284,18 +287,6 @@ def _lit(color: Color, light: float) -> Color:
     return red, green, blue
 
 
-def film_frames(
-    setup: Setup, shots: Sequence[Shot], config: FilmConfig, progress: ProgressCallback
-) -> Iterator[Image.Image]:
-    """Yield the pictures of a film; see `write_film`."""
-    painter = Painter(setup, config.width, config.height)
-    durations = [shot.cast.duration for shot in shots]
-    for number, time in instants(durations, config, progress):
-        shot = shots[number]
-        same = [one for one in shots[:number] if _same_target(one, shot)]
-        yield painter.frame(shot, time, same)
-
-
 def instants(
     durations: Sequence[float], config: FilmConfig, progress: ProgressCallback
 ) -> Iterator[tuple[int, float]]:
@@ -317,10 +308,16 @@ def _has_landing(shot: Shot) -> bool:
     return shot.landed and bool(np.all(np.isfinite(shot.cast.path[-1])))
 
 
-def _same_target(one: Shot, other: Shot) -> bool:
-    if one.target_xy is None or other.target_xy is None:
-        return False
-    return bool(np.allclose(one.target_xy, other.target_xy, atol=1e-6))
+def _tries_before(shots: Sequence[Shot], number: int) -> list[Shot]:
+    """Return the earlier casts at the target of a cast; none if it has no target."""
+    target = shots[number].target_xy
+    if target is None:
+        return []
+    return [
+        one
+        for one in shots[:number]
+        if one.target_xy is not None and np.allclose(one.target_xy, target, atol=1e-6)
+    ]
 
 
 def gif_bytes(frames: Iterator[Image.Image], config: FilmConfig) -> bytes:
