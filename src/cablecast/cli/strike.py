@@ -20,8 +20,6 @@ from cablecast.rigs.swings import move_envelope
 from cablecast.runs.places import STRIKE_FOLDER, cable_folder
 from cablecast.setup import Setup
 
-_HINT = " (--force swings all the same)"
-
 
 def strike_targets(options: Any) -> Array:
     """Return the targets of a command line: distance ahead and height [m], shape [target, 2]."""
@@ -61,7 +59,8 @@ def aim_strike(options: Any, setup: Setup) -> int:
                 near = nearest_point(session.prior, goal.value)[0] <= OUT_OF_REACH
                 chosen[number] = near and config.force
                 refusals += [str(error)] * (not chosen[number])
-                words = "; it swings all the same" if config.force else _HINT
+                hint = " (--force swings all the same)"
+                words = "; it swings all the same" if config.force else hint
                 print(f"{error}{words * near}", flush=True)
         if not chosen.any():
             return EXIT_FALLS_SHORT

@@ -20,15 +20,6 @@ from cablecast.conventions import xy_to_polar
 from cablecast.motion.joint_move import JointMove
 from cablecast.motion.polar import PolarCast
 
-DRIFT_NOTE = (
-    "The last casts land elsewhere than earlier ones say: the cable, its grip or the camera has "
-    "changed, or changes. Earlier casts count less from now on"
-)
-BLIND_NOTE = (
-    "; the camera cannot tell the marker at the target from something else of its colour, so that "
-    "casts land off it"
-)
-
 # Steps of this many degrees, centimetres or hundredths of the pace, together, lead to another
 # action.
 _OTHER_ACTION = 12.0
@@ -189,7 +180,10 @@ def reason_text(proposal: Proposal, session: AimSession) -> str:
     ]
     reason = _reason(earlier, proposal)
     if session.sight is not None and session.sight.is_blind_at(proposal.goal.value):
-        reason += BLIND_NOTE
+        reason += (
+            "; the camera cannot tell the marker at the target from something else of its colour, "
+            "so that casts land off it"
+        )
     return reason
 
 
@@ -274,4 +268,9 @@ def change_text(cast: Cast, session: AimSession) -> str:
     xy, scatter = predictor.moved(cast)
     moved = 100.0 * (xy - cast.expected_xy)
     text = f"{note}{moved_text(moved)}; {floor_text(scatter)}"
-    return f"{text}. {DRIFT_NOTE}" if session.drifted else text
+    if session.drifted:
+        text += (
+            ". The last casts land elsewhere than earlier ones say: the cable, its grip or the "
+            "camera has changed, or changes. Earlier casts count less from now on"
+        )
+    return text
