@@ -167,7 +167,7 @@ def test_the_map_of_what_is_reached_marks_the_targets_and_names_the_base_below_i
 
 def test_the_chosen_casts_run_from_the_best_to_the_worst_and_end_with_a_lost_one(make_evaluation):
     evaluation = make_evaluation()
-    chosen = chosen_casts(evaluation, count=6)
+    chosen = chosen_casts(evaluation)
     errors = evaluation.errors_pct[chosen]
     assert len(chosen) == 6
     assert errors[0] == np.nanmin(evaluation.errors_pct)

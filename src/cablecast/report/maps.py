@@ -375,11 +375,11 @@ def track_panels(
     return figure
 
 
-def chosen_casts(evaluation: Evaluation, count: int = 6) -> list[int]:
-    """Choose at most `count` trials, from the nearest to the farthest landing and one without."""
+def chosen_casts(evaluation: Evaluation) -> list[int]:
+    """Choose at most six trials, from the nearest to the farthest landing and one without."""
     errors_pct = evaluation.errors_pct
     lost = np.flatnonzero(~np.isfinite(errors_pct))[:1].tolist()
-    return [*spread_choice(errors_pct, count - len(lost)), *lost]
+    return [*spread_choice(errors_pct, 6 - len(lost)), *lost]
 
 
 @styled()
