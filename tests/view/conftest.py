@@ -66,7 +66,7 @@ class OffsetRig(RigLifecycle):
 
 def drain(worker):
     """Do what was submitted, and return."""
-    while worker.busy:
+    while worker.state.busy:
         worker._step()
 
 

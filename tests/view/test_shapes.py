@@ -147,7 +147,7 @@ def test_a_trail_always_has_as_many_vertices_and_as_wide_a_ribbon():
     for count in (2, 63, 600):
         kept = thinned(path[:count], len(path))
         assert np.array_equal(kept[-1], path[count - 1])
-        vertices, faces = ribbon(level(kept, 0.004))
+        vertices, faces = ribbon(level(kept, 0.004), [0.0, 0.0, 1.0])
         assert vertices.shape == (2 * TRAIL_COUNT, 3)
         assert faces.max() == len(vertices) - 1
         left, right = vertices.reshape(TRAIL_COUNT, 2, 3).transpose(1, 0, 2)[:, : len(kept)]

@@ -44,7 +44,7 @@ def test_work_is_done_in_the_thread_of_the_worker_and_reports(wait_until):
 
     def scenario():
         worker.submit("sweeping", work)
-        wait_until(lambda: not worker.busy)
+        wait_until(lambda: not worker.state.busy)
 
     run_with(worker, scenario)
     thread, state = seen[0]
@@ -63,7 +63,7 @@ def test_a_second_work_is_refused_while_one_is_under_way(wait_until):
         with pytest.raises(InputError, match="busy: a cast is under way"):
             worker.submit("another cast", lambda report: None)
         gate.set()
-        wait_until(lambda: not worker.busy)
+        wait_until(lambda: not worker.state.busy)
         worker.submit("another cast", lambda report: None)
 
     run_with(worker, scenario)
@@ -89,10 +89,10 @@ def test_a_stop_interrupts_the_work_and_more_of_them_leave_its_cleanup_alone(wai
         for _ in range(3):
             worker.stop()
         stopped.set()
-        wait_until(lambda: not worker.busy)
+        wait_until(lambda: not worker.state.busy)
         assert worker.state.message == "stopped: a cast"
         worker.submit("another cast", lambda report: events.append("cast"))
-        wait_until(lambda: not worker.busy)
+        wait_until(lambda: not worker.state.busy)
 
     run_with(worker, scenario)
     assert events == ["begun", "arm stopped", "cast"]
@@ -140,7 +140,7 @@ def test_work_that_fails_leaves_a_sentence_and_a_worker_that_goes_on(error, word
 
     def scenario():
         worker.submit("a cast", fail)
-        wait_until(lambda: not worker.busy)
+        wait_until(lambda: not worker.state.busy)
         assert worker.state.message == words
         worker.submit("another", lambda report: done.append(1))
         wait_until(lambda: done)

@@ -50,9 +50,6 @@ WIDE = 1.3
 SIMULATED_RIGS = ("virtual", "engine", "twin")
 """Kinds of rigs that move nothing: any other is asked for twice."""
 
-FACTOR_MAX = 10.0
-"""Sliders multiply a parameter by up to this factor, or divide it."""
-
 PHONE_STYLE = """<style>
 @media (max-width: 36em) {
   [style*="width: 20em"] { width: 100% !important; }
@@ -403,7 +400,7 @@ class Page:
 
         def refresh() -> None:
             phase, state, preview = desk.phase, worker.state, desk.preview
-            busy = bool(state.name)
+            busy = state.busy
             # The plan is there before the page asks to look at it.
             update(plan, content="" if preview is None else plan_text(preview, desk))
             update(status, content=status_text(desk, state))
@@ -572,7 +569,7 @@ def slid_params(base: CableParams, exponents: dict[str, float]) -> CableParams:
     """Return parameters multiplied by powers of ten from -1 to 1, within their bounds."""
     changes = {}
     for name, exponent in exponents.items():
-        if name not in PARAMS or not abs(exponent) <= np.log10(FACTOR_MAX) + 1e-9:
+        if name not in PARAMS or not abs(exponent) <= 1.0 + 1e-9:
             raise InputError(f"slider {name} = {exponent:g} is outside [-1, 1]")
         low, high = PARAMS[name].bounds
         value = float(np.asarray(getattr(base, name))) * 10.0**exponent

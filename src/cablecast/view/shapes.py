@@ -187,7 +187,7 @@ def thinned(points: Array, whole_count: int) -> Array:
     return points if len(points) < 2 else np.concatenate([points[:-1:step], points[-1:]])
 
 
-def ribbon(path: Array, normal: ArrayLike = (0.0, 0.0, 1.0)) -> tuple[Array, NDArray[np.integer]]:
+def ribbon(path: Array, normal: ArrayLike) -> tuple[Array, NDArray[np.integer]]:
     """Return a path of up to `TRAIL_COUNT` points [m], shape [point, 3], as a flat mesh [m].
 
     Its width lies across a normal. It always has the same number of vertices, shape

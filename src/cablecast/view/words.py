@@ -29,7 +29,7 @@ def tour_text(desk: Desk, state: WorkState) -> str:
         return ""
     steps, lines = desk.task.steps, []
     if desk.session is None:
-        now = min(max(state.step, 1), len(steps) - 2) if state.name else 0
+        now = min(max(state.step, 1), len(steps) - 2) if state.busy else 0
     else:
         now = len(steps) - (desk.preview is None)
     for number, what in enumerate(steps, start=1):
@@ -40,7 +40,7 @@ def tour_text(desk: Desk, state: WorkState) -> str:
 
 def status_text(desk: Desk, state: WorkState) -> str:
     """Return the state of the session, and what to do next."""
-    if state.name:
+    if state.busy:
         return work_text(state)
     phase, last, news = desk.phase, desk.last, state.message or desk.message
     head, length = desk.task.heads.get(phase.name, phase.value), desk.setup.cable.length

@@ -42,6 +42,11 @@ class WorkState:
     stopping: bool = False
     message: str = ""
 
+    @property
+    def busy(self) -> bool:
+        """True while work is under way or about to start."""
+        return bool(self.name)
+
 
 class Worker:
     """Runs one piece of work at a time.
@@ -60,15 +65,10 @@ class Worker:
         self._asked_to_stop = False
         self._pace = Pace()
 
-    @property
-    def busy(self) -> bool:
-        """True while work is under way or about to start."""
-        return bool(self.state.name)
-
     def submit(self, name: str, work: Work) -> None:
         """Start some work, or refuse it; a person reads its name, e.g. "a cast"."""
         with self._lock:
-            if self.state.name:
+            if self.state.busy:
                 raise InputError(f"the rig is busy: {self.state.name} is under way")
             self.state = WorkState(name=name)
             self._asked_to_stop = False
@@ -83,7 +83,7 @@ class Worker:
         that is being stopped is not interrupted again: these clauses would be cut off.
         """
         with self._lock:
-            if not self.state.name or self.state.stopping:
+            if not self.state.busy or self.state.stopping:
                 return
             self.state = dataclasses.replace(self.state, stopping=True)
             self._asked_to_stop = True
@@ -93,7 +93,7 @@ class Worker:
     def forget(self) -> None:
         """Forget how the last work ended: there is other news."""
         with self._lock:
-            if not self.state.name:
+            if not self.state.busy:
                 self.state = WorkState()
 
     def run(self) -> None:
