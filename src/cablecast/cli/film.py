@@ -51,8 +51,8 @@ class Film:
         options = picked(self, "width", "height", "speed")
         config = FilmConfig(**options, frames_per_second=self.fps)
         if strikes := strikes_in(self.casts):
-            count = len(strikes)
-            chosen = [check_count("cast", k, 0, count - 1) for k in self.select or (count - 1,)]
+            last = len(strikes) - 1
+            chosen = [check_count("cast", k, 0, last) for k in self.select or (last,)]
             with console_progress() as progress:
                 write_strike_film(self.out, [strikes[k] for k in chosen], config, progress)
         else:
@@ -63,5 +63,4 @@ class Film:
             with console_progress() as progress:
                 write_film(self.out, collection.setup, shots, config, progress)
         size = self.out.stat().st_size
-        count = counted(len(chosen), "cast")
-        print(f"film     {self.out} ({count}, {size / 1e6:.2f} MB)")
+        print(f"film     {self.out} ({counted(len(chosen), 'cast')}, {size / 1e6:.2f} MB)")

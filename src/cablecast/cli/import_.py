@@ -46,6 +46,5 @@ class Import:
         if self.points is not None:
             mocap = MocapNames(frame=self.points, end=self.end, grip=self.grip)
         dataset = import_casts(self.table, setup, out=out, report=say, mocap=mocap)
-        counts = dataset.status_counts
-        ends = ", ".join(f"{count} {code}" for code, count in counts.items())
+        ends = ", ".join(f"{count} {code}" for code, count in dataset.status_counts.items())
         print(f"{casts_text(len(dataset), setup.cable.name)} in {out} ({ends})")
