@@ -282,11 +282,10 @@ def legend_panel(figure: "Figure", panels: Sequence["Axes"], entries: LegendEntr
 
     The panels are those of `workspace_panels`.
     """
-    grid = panels[0].get_subplotspec()
-    rows, columns = grid.get_gridspec().get_geometry() if grid is not None else (1, 1)
-    if grid is None or len(panels) == rows * columns:
+    grid = panels[0].get_gridspec()
+    if grid is None or len(panels) == grid.nrows * grid.ncols:
         return False
-    free = figure.add_subplot(grid.get_gridspec()[rows - 1, columns - 1])
+    free = figure.add_subplot(grid[-1, -1])
     free.axis("off")
     free.legend(handles=_handles(entries), loc="center", labelcolor=INK)
     return True
