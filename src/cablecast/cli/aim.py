@@ -18,7 +18,6 @@ from cablecast.cli.options import (
     TaskName,
     TimeLimit,
     WithPolar,
-    WithRefit,
     argument,
     casts_text,
     load_lab,
@@ -75,7 +74,16 @@ class Aim(AimConfig, _Targets):
     rig: RigName = "virtual"
     setup: LabFile = None
     cable: CableName = None
-    refit: WithRefit = True
+    refit: Annotated[
+        bool,
+        argument(
+            "",
+            "fit anew where it is worth it",
+            "Keep the fit. Otherwise the simulator is fitted to all casts before a target at three "
+            "times as many casts as it was fitted to, or at twice as many if first tries land "
+            "farther off than was stated.",
+        ),
+    ] = True
     polar: WithPolar = True
     casts: Annotated[pathlib.Path | None, argument("DIR", "made on the rig")] = None
     """Casts of this cable that `cablecast collect` recorded; with them the rig makes none before

@@ -180,16 +180,6 @@ WithPsi = Annotated[
     bool,
     argument("", "it turns (action set A2)", "Keep the wrist still (action set A1 of the paper)."),
 ]
-WithRefit = Annotated[
-    bool,
-    argument(
-        "",
-        "fit anew where it is worth it",
-        "Keep the fit. Otherwise the simulator is fitted to all casts before a target at three "
-        "times as many casts as it was fitted to, or at twice as many if first tries land farther "
-        "off than was stated.",
-    ),
-]
 WithPolar = Annotated[
     bool,
     argument(
