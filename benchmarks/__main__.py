@@ -34,6 +34,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "casts": ("casts:casts", "error at targets by the number of real casts and corrections"),
     "uneven": ("uneven:uneven", "share of a miss that one correction leaves on uneven friction"),
     "waits": ("times:waits", "waits: check, fit, first plan, each try, opening"),
+    "processors": (
+        "processors:main",
+        "landings on older processors, emulated on this one",
+    ),
     "cluster": ("times:cluster", "throughput of a Ray cluster on this machine and of one thread"),
     "replay": ("replay:main", "exported cables in other simulators, against measured casts"),
     "laws": ("replay:laws", "exported chain of MuJoCo against EngineWarp, by the effect"),
@@ -71,6 +75,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "resets": ("resets --count 60", 0.6),
     "waits": ("waits --cables cable_1 --targets 5", 0.1),
     "arms": ("arms", 0.1),
+    "processors": ("processors", 0.1),
     "reproduce": ("reproduce", 3.0),
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),
     "reproduce-labs": ("reproduce --quick --cables cable_1 --labs 0 1 2", 1.0),

@@ -72,7 +72,7 @@ class RigError(CablecastError, RuntimeError):
 
 
 class StoppedError(RigError):
-    """A person stopped the rig: the trial is not made again by itself."""
+    """A person is to look before the rig moves again: no trial is made again by itself."""
 
 
 class CameraError(RigError):

@@ -102,5 +102,8 @@ def test_a_person_is_told_that_the_first_casts_are_rehearsed(
     with open_rig("ur", dataclasses.replace(setup, robot=robot), 0, tmp_path) as rig:
         assert rig == "rig"
     assert (
-        capsys.readouterr().out.count("The first 3 casts are rehearsed, 4 times as slowly") == said
+        capsys.readouterr().out.count(
+            "The first reset and 3 casts are rehearsed, 4 times as slowly"
+        )
+        == said
     )

@@ -54,6 +54,7 @@ def test_what_nothing_reaches_is_named_with_the_nearest_landing(checked):
     behind = np.array([0.0, 0.1])
     assert checked.is_out_of_reach(behind)
     assert "the nearest is r = " in checked.words_at(behind)
+    assert checked.doubt_words_at(behind) == checked.words_at(behind)
     assert not checked.is_out_of_reach([0.0, 1.1])
     assert "6 of 6 cables that this may be" in checked.words_at([0.0, 1.1])
     assert any("beyond arm and cable, 1.56 m" in limit for limit in checked.limits)

@@ -199,7 +199,8 @@ def test_the_first_casts_of_an_unseen_lab_are_rehearsed_slowly(lab, cast, monkey
     with make_rig(NAME, lab) as rig:
         rig.reset()
         assert rig.execute(cast).status is TrialStatus.OK
-    assert DriverPuppet.made[0].played == [*CAST[:2], "cablecast_rehearsal", *CAST]
+    rehearsed = [CAST[0], "cablecast_rehearsal", *CAST[:2], "cablecast_rehearsal"]
+    assert DriverPuppet.made[0].played == [*rehearsed, *CAST]
     assert lasted["cablecast_rehearsal"] == pytest.approx(4 * lasted["cablecast_cast"])
 
 

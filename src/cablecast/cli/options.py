@@ -305,8 +305,8 @@ def open_rig(
             from cablecast.rigs.arm import REHEARSAL_COUNT, REHEARSAL_SLOWNESS
 
             print(
-                f"The first {REHEARSAL_COUNT} casts are rehearsed, {REHEARSAL_SLOWNESS} times as "
-                "slowly, as long as the lab file says seen_safe: false"
+                f"The first reset and {REHEARSAL_COUNT} casts are rehearsed, {REHEARSAL_SLOWNESS} "
+                "times as slowly, as long as the lab file says seen_safe: false"
             )
         yield rig
 

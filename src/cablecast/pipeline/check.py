@@ -101,10 +101,9 @@ class Outlook:
         """Return what to expect with a cable of a length [m]."""
         first, second, fourth, sixth = (100.0 * self.hit[tries - 1] for tries in (1, 2, 4, 6))
         return (
-            f"a hit has a chance of {first:.0f} % at the first try, {second:.0f} % within two, "
-            f"{fourth:.0f} % within four and {sixth:.0f} % within six, as at {self.count} such "
-            f"targets of random laboratories; equal casts land about "
-            f"{100.0 * self.floor * length:.1f} cm from their middle"
+            f"of {self.count} such targets of random laboratories {first:.0f} % were hit at the "
+            f"first try, {second:.0f} % within two, {fourth:.0f} % within four and {sixth:.0f} % "
+            f"within six; equal casts scatter by about {100.0 * self.floor * length:.1f} cm"
         )
 
 
@@ -194,13 +193,13 @@ class LabCheck:
             return "no simulated cast stays on the table"
         count = len(self.landing_xy)
         reached = round(float(self.chance(xy)) * count)
-        if reached:
-            lands = f"simulated casts land there for {reached} of {count} cables that this may be"
-            if words := self.doubt_words_at(xy):
-                return f"{lands}, but {words}"
-            return f"{lands}: {outlooks()['calm'].words(self.setup.cable.length)}"
-        where = _nearest_words(xy, self.landing_xy.reshape(-1, 2))
-        return f"no simulated cast of what this cable may be lands there: the nearest is {where}"
+        doubt = self.doubt_words_at(xy)
+        if not reached:
+            return doubt
+        lands = f"simulated casts land there for {reached} of {count} cables that this may be"
+        if doubt:
+            return f"{lands}, but {doubt}"
+        return f"{lands}: {outlooks()['calm'].words(self.setup.cable.length)}"
 
     def is_calm(self, xy: ArrayLike, margin: float = 0.0) -> bool:
         """Return whether slow or polar casts land at a place [m], shape [2], and all about it.
@@ -223,6 +222,11 @@ class LabCheck:
 
     def doubt_words_at(self, xy: ArrayLike) -> str:
         """Return what to expect at a place [m], shape [2], if not the best; else nothing."""
+        if not self.chance(xy):
+            where = _nearest_words(xy, self.landing_xy.reshape(-1, 2))
+            return (
+                f"no simulated cast of what this cable may be lands there: the nearest is {where}"
+            )
         kind = self.outlook_at(xy)
         words = outlooks()[kind].words(self.setup.cable.length)
         if kind == "calm":

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import sys
 import time
 from typing import Any
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from cablecast.camera.settings import CameraSight
 from cablecast.cast import ControllerLog, EndpointTrack, TrialStatus
-from cablecast.errors import CablecastError, JointLimitError, RigError
+from cablecast.errors import CablecastError, JointLimitError, RigError, StoppedError
 from cablecast.motion.polar import plan_reset, reset_pose
 from cablecast.motion.trajectory import JointPath, Trajectory
 from cablecast.rigs.base import RigLifecycle
@@ -46,6 +47,9 @@ _HANG_STILL_TIME = 1.0
 _JOINT_TAIL = 0.4
 # Angle by which set points are away from the end of a cast while the cable comes to rest [rad].
 _MOVED = 5e-3
+WARNING_TIME, QUIET_MAX = 5.0, 30.0
+"""Time between the warning that the arm is about to move and its motion, and the longest rest after
+which it moves without one [s]."""
 REPORT_GAP_MAX = 0.1
 """Longest time of a cast without a report [s]. Between two reports so far apart a joint that speeds
 up at 20 rad/s² is 25 mrad from the straight line that stands for its way."""
@@ -80,6 +84,8 @@ class RigArm(RigLifecycle):
         self.setup = setup
         self.camera = camera = camera or self._open_camera()
         self._rehearsed = REHEARSAL_COUNT if robot.seen_safe else 0
+        self._has_seen_reset = robot.seen_safe
+        self._moved_at, self._aborted = -np.inf, ""
         self.last_timing: TrialTiming | None = None
         settings = setup.to_settings()
         self.description: dict[str, Any] = {
@@ -99,10 +105,10 @@ class RigArm(RigLifecycle):
         """Bring the cable to its start as the paper does, and look whether it lies straight.
 
         Raises:
-            RigError: The arm may not move, or the cable does not lie straight after three resets.
+            RigError: The arm may not move.
+            StoppedError: The cable does not lie straight after three resets.
         """
-        self._check_open()
-        self._is_reset = False
+        self._begin_reset()
         seen = "nowhere"
         for _ in range(RESET_COUNT):
             self._reset_once()
@@ -111,7 +117,7 @@ class RigArm(RigLifecycle):
                 super().reset()
                 return
             seen = "nowhere" if place is None else f"at x, y = {np.round(place, 3).tolist()} m"
-        raise RigError(
+        raise StoppedError(
             f"the cable does not lie straight after {RESET_COUNT} resets: its end is seen {seen}. "
             "Look whether it slipped in the gripper, is twisted, or its marker is hidden"
         )
@@ -135,6 +141,7 @@ class RigArm(RigLifecycle):
             timing, log = self._settle(record, curve, self._after(curve))
             self.driver.set_phase(RigPhase.READOUT)
         except CastAbortedError as aborted:
+            self._aborted = str(aborted)
             self.camera.cancel()
             with contextlib.suppress(RigError):
                 self.driver.set_phase(RigPhase.IDLE)
@@ -175,14 +182,36 @@ class RigArm(RigLifecycle):
             with contextlib.suppress(RigError):
                 self.driver.set_phase(RigPhase.IDLE)
 
+    def _begin_reset(self) -> None:
+        """Warn a person near the arm that it is about to move, after a rest or an aborted cast."""
+        self._check_open()
+        self._is_reset = False
+        aborted, self._aborted = self._aborted, ""
+        if time.monotonic() < self._moved_at + QUIET_MAX and not aborted:
+            return
+        why = f"This cast is aborted, and made again: {aborted}. " if aborted else ""
+        warning = f"{why}The arm moves in {WARNING_TIME:g} s: Ctrl-C stops it"
+        print(warning, file=sys.stderr, flush=True)
+        if not self.driver.description.get("is_twin"):
+            time.sleep(WARNING_TIME)
+
     def _reset_once(self) -> None:
         self.driver.ready()
         self.camera.check(self.driver.latest().time)
-        way, reset = reset_motions(self._at_rest(), self.setup)
-        self._play("cablecast_approach", way, RigPhase.RESET)
+        reset = self._approach()
+        if not self._has_seen_reset:
+            self._play("cablecast_rehearsal", reset.slowed(REHEARSAL_SLOWNESS), RigPhase.RESET)
+            self._has_seen_reset = True
+            reset = self._approach()
         self._play("cablecast_reset", reset, RigPhase.RESET)
         self._wait(_HANG_STILL_TIME)
         self.driver.set_phase(RigPhase.IDLE)
+
+    def _approach(self) -> JointCurve:
+        """Go to the start of a reset, and return that reset."""
+        way, reset = reset_motions(self._at_rest(), self.setup)
+        self._play("cablecast_approach", way, RigPhase.RESET)
+        return reset
 
     def _play(self, name: str, curve: JointCurve, phase: RigPhase) -> MotionRecord:
         try:
@@ -190,6 +219,8 @@ class RigArm(RigLifecycle):
         except BaseException:
             self.driver.stop()
             raise
+        finally:
+            self._moved_at = time.monotonic()
 
     def _check(self, curve: JointCurve, what: str) -> None:
         """Refuse a motion that must not be played; see `check_path`."""
@@ -214,8 +245,9 @@ class RigArm(RigLifecycle):
         for report in reports:
             moved = float(np.abs(report.target_q - curve.q[-1]).max()) > _MOVED
             if report.time > tail and (report.is_playing or moved):
-                raise CastAbortedError(
-                    "the arm was moved, or another program ran, while the cable came to rest"
+                raise StoppedError(
+                    "the arm was moved, or another program ran, while the cable came to rest: let "
+                    "nobody move it. The same command resumes"
                 )
         used = [r for r in reports if r.time <= tail]
         timing = TrialTiming(

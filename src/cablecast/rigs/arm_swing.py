@@ -6,7 +6,7 @@ import numpy as np
 
 from cablecast.cast import EndpointTrack
 from cablecast.conventions import Array
-from cablecast.errors import CameraError, RigError
+from cablecast.errors import CameraError, StoppedError
 from cablecast.motion.joint_move import JointMoves
 from cablecast.rigs.arm import APPROACH_SPEED, RigArm
 from cablecast.rigs.driver import RigPhase
@@ -90,11 +90,11 @@ class RigSwingArm(RigArm):
         """Bring the arm to the start, and wait until the cable hangs at rest.
 
         Raises:
-            RigError: The arm may not move, or the cable does not come to rest.
+            RigError: The arm may not move.
+            StoppedError: The cable does not come to rest.
             JointLimitError: The straight way to the start is none that may be played.
         """
-        self._check_open()
-        self._is_reset = False
+        self._begin_reset()
         self.driver.ready()
         self.camera.check(self.driver.latest().time)
         start = np.array(self.moves.start)
@@ -114,7 +114,7 @@ class RigSwingArm(RigArm):
                 return
             before = now
         seen = "is not seen" if before is None else "still sways"
-        raise RigError(
+        raise StoppedError(
             f"the cable {seen} after {HANG_TIME_MAX:g} s at the start: look whether its marker is "
             "in sight, and whether it hangs freely"
         )

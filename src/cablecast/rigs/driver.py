@@ -107,8 +107,8 @@ class ArmDriver(Protocol):
 
         Raises:
             CastAbortedError: The motion was not carried out as it was meant.
-            StoppedError: Somebody stopped it.
-            RigError: The arm stopped for safety, or is silent.
+            StoppedError: A person is to look first: somebody stopped or moved the arm, something
+                holds it, it stopped for safety, or its controller is silent.
         """
         ...
 

@@ -16,7 +16,7 @@ from typing import Any, TextIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cablecast.errors import RigError
+from cablecast.errors import RigError, StoppedError
 from cablecast.rigs.driver import ArmReport, RigPhase
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
 from cablecast.rigs.ur.config import RobotUR
@@ -166,7 +166,7 @@ class UrLink:
             RigError: None has come for too long.
         """
         if not self.is_alive:
-            raise RigError(
+            raise StoppedError(
                 f"the controller at {self.robot.address} has been silent for "
                 f"{self.robot.silence_max:g} s: look whether it has power and the network cable "
                 "is in; the arm stops by itself. The same command resumes"
@@ -311,7 +311,7 @@ class UrLink:
             self._stdin.write(json.dumps(command) + "\n")
             self._stdin.flush()
         except (OSError, ValueError):
-            raise RigError(
+            raise StoppedError(
                 f"the connection to the controller at {self.robot.address} broke: look whether it "
                 "has power and the network cable is in. The same command resumes"
             ) from None
@@ -400,13 +400,13 @@ def check_safe(report: Report) -> None:
     """Refuse a report of an arm that is stopped for safety.
 
     Raises:
-        RigError: It is stopped; says why, and what a person has to do.
+        StoppedError: It is stopped; says why, and what a person has to do.
     """
     for bit, (name, advice) in _STOPS.items():
         if report.safety_bits >> bit & 1:
-            raise RigError(f"{name}: {advice}. {_RESUME}")
+            raise StoppedError(f"{name}: {advice}. {_RESUME}")
     if not report.safety_bits & 1:
-        raise RigError(
+        raise StoppedError(
             f"the safety system is not in its normal mode: read the pendant's log. {_RESUME}"
         )
 
@@ -439,7 +439,7 @@ def check_ready(link: UrLink) -> Report:
     deadline = time.monotonic() + _PLAYING_TIME_MAX
     while (report := link.wait_for_report()).is_playing:
         if time.monotonic() > deadline:
-            raise RigError(
+            raise StoppedError(
                 "another program runs on the controller, and a cast would replace it: stop it on "
                 "the pendant. The same command resumes"
             )
@@ -448,7 +448,9 @@ def check_ready(link: UrLink) -> Report:
     if _REMOTE_CONTROL_SINCE <= link.version < (POLYSCOPE_X, 0, 0):
         answer = link.ask("is in remote control")
         if answer.lower() != "true":
-            raise RigError("the robot is in local control: switch the pendant to remote control")
+            raise StoppedError(
+                "the robot is in local control: switch the pendant to remote control"
+            )
     return report
 
 

@@ -51,14 +51,14 @@ class ProgramPlayer:
             curve: Path, which has been checked; the arm stands at its start.
 
         Raises:
-            CastAbortedError: The motion was slowed, or lagged.
-            StoppedError: Somebody stopped or paused it.
-            RigError: The arm stopped for safety, or the controller is silent.
+            CastAbortedError: The motion was slowed.
+            StoppedError: Somebody stopped or paused it, or moved the arm; something holds it, it
+                stopped for safety, or the controller is silent.
         """
         link = self.link
         off = float(np.abs(link.latest().q - curve.q[0]).max())
         if off > _START_TOLERANCE:
-            raise CastAbortedError(
+            raise StoppedError(
                 f"the arm stands {off * 1e3:.1f} mrad from where the motion begins, more than "
                 f"{_START_TOLERANCE * 1e3:g} mrad: reset it"
             )
@@ -138,7 +138,7 @@ class ProgramPlayer:
             if newest.number == number and newest.state == ProgramState.DONE:
                 return seen
             if begin is not None and newest.time > begin + duration + _LATE_MAX:
-                raise CastAbortedError(
+                raise StoppedError(
                     "the motion is not done in its time: look at the pendant whether another "
                     "program took the place of ours"
                 )
@@ -154,7 +154,7 @@ class ProgramPlayer:
             )
         lag = float(np.abs(report.q - report.target_q).max())
         if lag > self.robot.lag_max:
-            raise CastAbortedError(
+            raise StoppedError(
                 f"a joint lags {lag:.2f} rad behind its set point, more than "
                 f"{self.robot.lag_max:g} rad: the arm is at its limits, or something holds it"
             )
@@ -167,8 +167,8 @@ class ProgramPlayer:
                 "stopped the arm: close other programs, or use a cable instead of Wi-Fi"
             )
         if report.state == ProgramState.ELSEWHERE:
-            raise CastAbortedError(
-                "the arm was moved before its program began: let nobody move it, and reset it"
+            raise StoppedError(
+                "the arm was moved before its program began: let nobody move it, and start again"
             )
         if report.state == ProgramState.STOPPED:
             raise CastAbortedError("the motion was stopped")
