@@ -88,6 +88,7 @@ def lab(monkeypatch) -> Setup:
     for module in ("rigs.arm", "pipeline.dry_run"):
         monkeypatch.setattr(f"cablecast.{module}.CameraOfTrials", EngineCamera)
     monkeypatch.setattr(DriverPuppet, "made", [])
+    monkeypatch.setattr("cablecast.rigs.arm.WARNING_TIME", 0.0)
     monkeypatch.setattr(
         "cablecast.rigs.arm.reset_motions", lambda q, setup: planned_reset(tuple(q), setup)
     )
@@ -190,6 +191,26 @@ def test_a_motion_beyond_a_joint_limit_is_refused_before_it_is_played(rig, cast)
     with pytest.raises(JointLimitError, match=r"wrist_3 at .* rad is beyond 6\.233 rad"):
         rig.execute(wound)
     assert DriverPuppet.made[0].played == CAST[:2]
+
+
+def test_a_person_is_warned_before_the_arm_moves_after_a_rest_or_an_aborted_cast(
+    rig, cast, monkeypatch, capsys
+):
+    def warned():
+        return capsys.readouterr().err
+
+    rig.reset()
+    assert warned() == "The arm moves in 0 s: Ctrl-C stops it\n"
+    assert rig.execute(cast).status is TrialStatus.OK
+    rig.reset()
+    assert warned() == ""
+    fails_in_a_cast(monkeypatch, CastAbortedError("the speed fell to 40 %"))
+    assert rig.execute(cast).status is TrialStatus.ABORTED
+    rig.reset()
+    assert "made again: the speed fell to 40 %. The arm moves in 0 s" in warned()
+    monkeypatch.setattr("cablecast.rigs.arm.QUIET_MAX", 0.0)
+    rig.reset()
+    assert warned() == "The arm moves in 0 s: Ctrl-C stops it\n"
 
 
 def test_the_first_casts_of_an_unseen_lab_are_rehearsed_slowly(lab, cast, monkeypatch):
