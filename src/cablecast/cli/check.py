@@ -51,7 +51,7 @@ class Check(AnyTargetOptions):
 
     def run(self) -> int:
         """Check, print what was found, and return the exit status."""
-        from cablecast.cli.options import load_lab, polar_text
+        from cablecast.cli.options import lab_text, load_lab, polar_text
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.check import PICTURE_FILE, check, remedy
         from cablecast.runs.places import CHECK_FOLDER, cable_folder
@@ -67,15 +67,19 @@ class Check(AnyTargetOptions):
         out = self.out or cable_folder(setup.cable.name) / CHECK_FOLDER
         if self.tune_swing:
             setup = self._tuned(setup)
-        with console_progress() as progress:
-            found = check(setup, target_xy=places, out=out, seed=self.seed, progress=progress)
+        # Before the work, as a folder may be none to write to.
+        out.mkdir(parents=True, exist_ok=True)
+        found = check(setup, changes=False, seed=self.seed)
+        print(f"lab      {lab_text(setup)}")
         print(found.summary)
         for limit in found.limits:
             print(f"  {limit}")
         if found.swing_words:
             print(f"swing    {found.swing_words}")
         for xy in places:
-            print(f"target   {polar_text(xy)}\n         {found.words_at(xy)}")
+            print(f"target   {polar_text(xy)}\n         {found.words_at(xy)}", flush=True)
+        with console_progress() as progress:
+            found = check(setup, target_xy=places, out=out, seed=self.seed, progress=progress)
         print("Simulated casts reach more with" if found.changes else f"{remedy(())}.")
         for change in found.changes:
             print(f"  {change}")

@@ -238,6 +238,8 @@ def _os_error_text(error: OSError) -> str:
     reason = error.strerror or str(error) or type(error).__name__
     if error.filename:
         text = f"{error.filename}: {reason}"
+        if isinstance(error, (PermissionError, NotADirectoryError)):
+            text += ". Give another folder, to which you may write (--out)"
         cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
         cache = os.environ.get("WARP_CACHE_PATH") or cache
         # Or a folder above it that is not there, such as HOME.

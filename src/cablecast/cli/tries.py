@@ -148,7 +148,7 @@ class Tries(abc.ABC, Generic[Session]):
             style = "bold" if any(cast.hit for cast in casts) else ""
             table.add_row(place, *cells, style=style)
             if stop:
-                stopped.append(f"{place}: {_stop_words(len(casts))}: {stop_text(stop)}")
+                stopped.append(f"{place}: {_stop_words(len(casts))}, as said above")
         tables.print_table(table, f"{verdict_text(result.casts, beyond_count)}.")
         for line in stopped:
             print(line)

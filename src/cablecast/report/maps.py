@@ -395,8 +395,7 @@ def cast_frames(evaluation: Evaluation, trial_indices: Sequence[int]) -> "Figure
     view = workspace_view(workspace, left=-side, right=side)
     figure, panels = workspace_panels(workspace, view, len(casts), **options)
     # From pale to dark: the last shape, which is the result, stands out.
-    end = max(float(cast.track.times[-1]) for cast in casts)
-    scale = color_scale("viridis", 0.95, 0.05, end)
+    scale = color_scale("viridis", 0.95, 0.05, 100.0)
     for axes, cast, index in zip(panels, casts, trial_indices, strict=True):
         _draw_cast(axes, evaluation, index, scale)
         landed = cast.status is TrialStatus.OK
@@ -406,7 +405,7 @@ def cast_frames(evaluation: Evaluation, trial_indices: Sequence[int]) -> "Figure
         if cast.proposal is not None:
             name = f"{place_text(cast.target_xy)}, try {cast.try_number}"
         axes.set_title(f"{name}: {result}")
-    label = "time since the motion started [s]"
+    label = "time of each cast, from its start to its rest [%]"
     options = {"orientation": "horizontal", "shrink": 0.35, "aspect": 40, "pad": 0.02}
     draw_color_bar(figure, figure.axes, scale, label, **options)
     return figure
@@ -416,18 +415,19 @@ def _draw_cast(axes: "Axes", evaluation: Evaluation, index: int, scale: Any) -> 
     from matplotlib.collections import LineCollection
 
     track = evaluation.casts[index].track
+    colors = scale.to_rgba(100.0 * track.times / track.times[-1])
     if track.nodes is not None:
         # One collection: a line for each shape would take seconds.
         shapes = LineCollection(
             list(track.nodes[:-1, :, :2]),
-            colors=scale.to_rgba(track.times[:-1]),
+            colors=colors[:-1],
             linewidths=0.7,
             alpha=0.75,
             capstyle="round",
             zorder=2,
         )
         axes.add_collection(shapes, autolim=False)
-        last = {"color": scale.to_rgba(track.times[-1]), "solid_capstyle": "round"}
+        last = {"color": colors[-1], "solid_capstyle": "round"}
         axes.plot(*track.nodes[-1, :, :2].T, linewidth=1.9, zorder=3, **last)
     path = evaluation.motions[index].grip_path
     grip = path.evaluate(np.linspace(0.0, float(path.duration[0]), 120))[0]

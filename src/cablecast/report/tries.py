@@ -104,7 +104,7 @@ def _legend(figure: "Figure", evaluation: Evaluation, first: Sequence[Any]) -> N
     ]
     if not np.isfinite(evaluation.errors_pct).all():
         entries.append(("a try without a landing", "^", {"color": VERMILLION, "markersize": 6}))
-    legend_strip(figure, entries, columns=3)
+    legend_strip(figure, entries, columns=min(len(entries), 4))
 
 
 def _draw_tries(
@@ -121,12 +121,16 @@ def _draw_tries(
     landed = [row for row in rows if np.isfinite(evaluation.errors_pct[row])]
     axes.plot(*landed_xy[landed].T, "-", color=color, linewidth=0.8, zorder=3)
     for row in landed:
-        fill = color if evaluation.errors_pct[row] <= within_pct else "white"
-        dot: dict[str, Any] = {"color": fill, "markeredgecolor": color, "markersize": 5}
+        dot = _dot(color, evaluation.errors_pct[row] <= within_pct)
         axes.plot(*landed_xy[row], "o", zorder=4, **dot)
     if len(landed) < len(rows):
         axes.plot(*target, "^", markersize=5, color=VERMILLION, markeredgecolor="none", zorder=3.6)
     return max([target[1], *landed_xy[landed, 1]])
+
+
+def _dot(color: str, is_hit: bool) -> dict[str, Any]:
+    """Return the style of the dot of a landing: full of a hit, hollow of a miss."""
+    return {"color": color if is_hit else "white", "markeredgecolor": color, "markersize": 5}
 
 
 def _draw_misses(axes: "Axes", evaluation: Evaluation, within_pct: float) -> None:
@@ -134,8 +138,11 @@ def _draw_misses(axes: "Axes", evaluation: Evaluation, within_pct: float) -> Non
     style: dict[str, Any]
     for index, target in enumerate(evaluation.target_xy):
         rows = evaluation.target_index == index
-        style = {"color": _COLORS[index % len(_COLORS)], "label": place_text(target)}
-        axes.plot(1 + evaluation.repeat[rows], evaluation.errors_pct[rows], "o-", **style)
+        color = _COLORS[index % len(_COLORS)]
+        tries, errors = 1 + evaluation.repeat[rows], evaluation.errors_pct[rows]
+        axes.plot(tries, errors, "-", color=color, label=place_text(target))
+        for number, error in zip(tries, errors, strict=True):
+            axes.plot(number, error, "o", **_dot(color, error <= within_pct))
     lost = 1 + evaluation.repeat[np.isnan(evaluation.errors_pct)]
     mark: dict[str, Any] = {"color": VERMILLION, "transform": axes.get_xaxis_transform()}
     axes.plot(lost, np.full(len(lost), 0.97), "^", markersize=6, zorder=4, **mark)

@@ -114,7 +114,7 @@ def floor_text(scatter: float) -> str:
     """Return how far apart equal casts of some deviation [m] land, which no correction changes."""
     # Half of the draws of a round normal distribution lie within this multiple of its deviation.
     floor = 100.0 * scatter * math.sqrt(2.0 * math.log(2.0))
-    return f"equal casts land about {floor:.1f} cm from their middle"
+    return f"equal casts scatter by about {floor:.1f} cm"
 
 
 def motion_text(proposal: Proposal) -> str:

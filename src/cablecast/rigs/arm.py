@@ -189,7 +189,7 @@ class RigArm(RigLifecycle):
         aborted, self._aborted = self._aborted, ""
         if time.monotonic() < self._moved_at + QUIET_MAX and not aborted:
             return
-        why = f"This cast is aborted, and made again: {aborted}. " if aborted else ""
+        why = f"The motion is aborted, and made again: {aborted}. " if aborted else ""
         warning = f"{why}The arm moves in {WARNING_TIME:g} s: Ctrl-C stops it"
         print(warning, file=sys.stderr, flush=True)
         if not self.driver.description.get("is_twin"):
@@ -216,8 +216,10 @@ class RigArm(RigLifecycle):
     def _play(self, name: str, curve: JointCurve, phase: RigPhase) -> MotionRecord:
         try:
             return self.driver.play(name, curve, phase)
-        except BaseException:
+        except BaseException as error:
             self.driver.stop()
+            if isinstance(error, CastAbortedError):
+                self._aborted = str(error)
             raise
         finally:
             self._moved_at = time.monotonic()

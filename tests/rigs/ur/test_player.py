@@ -130,7 +130,7 @@ def test_nothing_moves_where_the_controller_is_not_ready(link, twin, fault, word
 def test_a_motion_from_elsewhere_is_refused(link, player, twin):
     points = way(link, twin[1])
     shifted = dataclasses.replace(points, q=points.q + 0.002)
-    with pytest.raises(CastAbortedError, match="mrad from where the motion begins"):
+    with pytest.raises(StoppedError, match="mrad from where the motion begins"):
         player.play("cablecast_test", shifted)
 
 
@@ -213,7 +213,7 @@ def test_a_program_that_comes_late_does_not_move_an_arm_that_was_moved(link, pla
     link.keep_alive()
     begin = link.latest().time
     link.send_program(motion_program("cablecast_late", elsewhere, twin[1].robot, number))
-    with pytest.raises(CastAbortedError, match="moved before its program began"):
+    with pytest.raises(StoppedError, match="moved before its program began"):
         player._watch(begin, number, 10.0)
     player.stop(number)
     reports = link.since(begin)

@@ -16,7 +16,7 @@ from tests.rigs.ur.conftest import is_idle, make_fault, time_to_rest, wait_until
 
 from cablecast.cast import TrialStatus
 from cablecast.data.record import collect_dataset
-from cablecast.errors import InputError, RigError
+from cablecast.errors import InputError, RigError, StoppedError
 from cablecast.motion.casting import Action
 from cablecast.motion.trajectory import plan_trajectory
 from cablecast.rigs.arm import RigArm, check_reports, curve_of
@@ -83,7 +83,7 @@ def test_a_cast_after_which_the_arm_is_moved_is_no_data(stick):
     rig, q = RigQuick(setup, TruthCamera(setup)), np.zeros(6)
     curve = straight_move(q, q + 0.01, 0.6)
     rig.driver._link = MovingLink(curve.q[-1])
-    with pytest.raises(CastAbortedError, match="while the cable came to rest"):
+    with pytest.raises(StoppedError, match="while the cable came to rest"):
         rig._settle(MotionRecord(0.0, []), curve, 1.0)
 
 

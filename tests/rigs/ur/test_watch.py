@@ -185,7 +185,7 @@ def stuck(tick):
 @pytest.mark.parametrize(
     ("fault", "error", "words"),
     [
-        (lambda tick: {"q": np.full(6, 0.7)}, CastAbortedError, "a joint lags 0.70 rad behind"),
+        (lambda tick: {"q": np.full(6, 0.7)}, StoppedError, "a joint lags 0.70 rad behind"),
         (stuck, CastAbortedError, "behind the controller's clock"),
         (lambda tick: {"speed_scaling": 0.9}, CastAbortedError, "the speed fell to 90 %"),
         (
