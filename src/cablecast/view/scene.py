@@ -420,7 +420,7 @@ class TargetScene(abc.ABC):
             self._lines(f"{name}/hatch", hatch, JOINT, 1.0)
             # On the near side, where it hides no target in the place.
             below = (x, y - radius - _TEXT_HEIGHT / 2, LIFT)
-            self._text(f"{name}/label", "not seen", below, height=_TEXT_HEIGHT)
+            self._text(f"{name}/label", "hidden from the camera", below, height=_TEXT_HEIGHT)
 
     def clear(self) -> None:
         """Take the marks of target, expectation and landings away."""

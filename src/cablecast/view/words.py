@@ -87,19 +87,21 @@ def plan_text(preview: Preview, desk: Desk) -> str:
     half, most = (100 * proposal.expected.miss_within(proposal.goal, p) for p in (0.5, 0.9))
     shares, names = 100.0 * preview.limit_shares, desk.setup.arm.joint_names
     fastest, hardest = (int(np.argmax(row)) for row in shares)
+    fails: list[tuple[str, str]] = []
+    if proposal.expected.failure > _WORTH_SAYING:
+        fails = [("may fail", f"{100 * proposal.expected.failure:.0f} % {task.lost}")]
     rows = [
         ("target", f"{task.exact_place(proposal.goal.value)}, try {proposal.try_number}"),
         ("chance of a hit", hit_text(proposal, tries)),
         ("most likely", f"{_length_text(half, length)} off"),
         ("nine of ten", f"within {_length_text(most, length)}"),
+        *fails,
         ("duration", motion_text(proposal)),
         ("joint speed", f"{shares[0, fastest]:.0f} % of its limit ({literal(names[fastest])})"),
         ("joint accel.", f"{shares[1, hardest]:.0f} % of its limit ({literal(names[hardest])})"),
     ]
     if math.isfinite(preview.margin):
-        rows.append(("table's edge", f"{100 * preview.margin:.0f} cm away"))
-    if proposal.expected.failure > _WORTH_SAYING:
-        rows.append(("may fail", f"{100 * proposal.expected.failure:.0f} % {task.lost}"))
+        rows.append(("table's edge", f"{100 * preview.margin:.0f} cm from the free end's way"))
     return markdown_table(("plan", ""), rows)
 
 
