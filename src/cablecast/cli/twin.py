@@ -56,9 +56,10 @@ class Twin:
         with TwinProcess(setup, config) as twin:
             for fault in faults:
                 twin.admin.fault(fault.name, fault.phase, fault.after)
+            camera = f", its camera on {twin.camera_url}" * bool(twin.camera_url)
             print(
-                f"A twin of a {setup.arm.model} ({generation}) listens on {self.address}. Stop it "
-                "with Ctrl-C.",
+                f"A twin of a {setup.arm.model} ({generation}) listens on {self.address}{camera}. "
+                "Stop it with Ctrl-C.",
                 flush=True,
             )
             twin.wait()
