@@ -170,6 +170,25 @@ def test_an_arm_that_its_controller_cannot_move_is_refused(version, model, fits)
         check_arm(version, model)
 
 
+@pytest.mark.parametrize(
+    ("named", "model", "fits"),
+    [
+        ("UR5", "ur5e", True),
+        ("UR5\n", "ur7e", True),
+        ("UR10", "ur5e", False),
+        ("UR20", "ur30", False),
+        ("could not understand: get robot model", "ur5e", True),
+        ("", "ur5e", True),
+    ],
+)
+def test_an_arm_of_another_size_than_the_dashboard_names_is_refused(named, model, fits):
+    if fits:
+        check_arm((5, 12, 6), model, named)
+        return
+    with pytest.raises(RigError, match=f"describes a {model}, and the controller moves a UR"):
+        check_arm((5, 12, 6), model, named)
+
+
 @pytest.mark.parametrize(("watchdog", "hold"), [(0.04, 300), (0.2, 300), (1.0, 1100)])
 def test_an_arm_whose_computer_died_before_the_motion_does_not_begin_it(watchdog, hold):
     robot = dataclasses.replace(ROBOT, watchdog=watchdog)

@@ -110,7 +110,7 @@ class DriverUR:
         if self._link is None:
             self._link = UrLink(self.robot)
             try:
-                check_arm(self._link.version, self.model)
+                check_arm(self._link.version, self.model, self._link.arm_name())
             except BaseException:
                 self.close()
                 raise

@@ -5,6 +5,7 @@ import contextlib
 import dataclasses
 import json
 import queue
+import re
 import socket
 import struct
 import subprocess
@@ -16,6 +17,7 @@ from typing import Any, TextIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from cablecast.arm.ur import LINKS
 from cablecast.errors import RigError, StoppedError
 from cablecast.rigs.driver import ArmReport, RigPhase
 from cablecast.rigs.ur.agent import DASHBOARD_PORT, PROGRAM_PORT
@@ -272,6 +274,12 @@ class UrLink:
                     "slow. Wait until the pendant responds. The same command resumes"
                 ) from None
 
+    def arm_name(self) -> str:
+        """Return what the dashboard calls its arm; empty where it does not answer."""
+        with contextlib.suppress(RigError):
+            return self.ask("get robot model") if self.has_dashboard else ""
+        return ""
+
     def stop_program(self) -> None:
         """End whatever program runs; the arm brakes.
 
@@ -411,12 +419,14 @@ def check_safe(report: Report) -> None:
         )
 
 
-def check_arm(version: Version, model: str) -> None:
+def check_arm(version: Version, model: str, named: str = "") -> None:
     """Refuse an arm that cannot belong to the controller: it would move to other places.
 
     Args:
         version: Version of the controller's software.
         model: Model of the arm in the lab file.
+        named: Name that the dashboard gives to its arm, such as UR5 for a UR5 and a UR5e; anything
+            else where it does not know.
 
     Raises:
         RigError: It cannot.
@@ -427,6 +437,14 @@ def check_arm(version: Version, model: str) -> None:
             f"the lab file describes a {model}, and the controller runs version "
             f"{'.'.join(map(str, version))}: {known}. Set arm model to that of your arm, and "
             "measure its five values"
+        )
+    size = re.fullmatch(r"ur *(\d+)e?", named.strip().lower())
+    models = [f"ur{size[1]}", f"ur{size[1]}e"] if size else []
+    known = [LINKS[name] for name in models if name in LINKS]
+    if known and LINKS[model] not in known:
+        raise RigError(
+            f"the lab file describes a {model}, and the controller moves a {named.strip()}: set "
+            "arm model to that of your arm, and measure its five values"
         )
 
 

@@ -401,6 +401,7 @@ def dashboard_answer(controller: Controller, line: str) -> str:
         "robotmode": f"Robotmode: {'RUNNING' if powered else 'POWER_OFF'}",
         "safetymode": f"Safetymode: {_SAFETY_WORDS[controller.safety_mode]}",
         "running": f"Program running: {str(controller.is_running_program).lower()}",
+        "get robot model": controller.setup.arm.model.removesuffix("e").upper(),
         "polyscopeversion": f"URSoftware {major}.{minor}.{bugfix}.{build} (Jan 01 2022)",
     }
     if controller.generation.has_remote_control:
