@@ -28,7 +28,7 @@ from cablecast.report.tries import (
     tracking_error,
     tries_map,
 )
-from cablecast.report.words import miss_text, place_text, stop_text, verdict_text
+from cablecast.report.words import chance_text, miss_text, place_text, stop_text, verdict_text
 from cablecast.setup import Setup
 
 Beyond = tuple[NDArray[np.float64], str]
@@ -131,9 +131,16 @@ def _target_rows(tried: Tried) -> list[tuple[str, str, str]]:
     rows = []
     for xy, casts, stop in zip(tried.every.target_xy, tried.tries, tried.stops, strict=True):
         # A number and its unit stay on one line.
-        misses = ", ".join(miss_text(cast).replace(" ", "\u00a0") for cast in casts)
+        misses = ", ".join(_try_text(cast).replace(" ", "\u00a0") for cast in casts)
         rows.append((place_text(xy), _outcome_text(casts, stop), misses))
     return rows + [(place_text(xy), f"out of reach: {why}", "") for xy, why in tried.beyond]
+
+
+def _try_text(cast: Cast) -> str:
+    """Return how far a try missed, and the chance of a hit that was stated before it."""
+    if cast.proposal is None:
+        return miss_text(cast)
+    return f"{miss_text(cast)} ({chance_text(cast.proposal.hit_chance)})"
 
 
 def _outcome_text(casts: Sequence[Cast], stop: Stop | None) -> str:
