@@ -75,7 +75,6 @@ QUOTED: dict[str, tuple[str, float]] = {
     "resets": ("resets --count 60", 0.6),
     "waits": ("waits --cables cable_1 --targets 5", 0.1),
     "arms": ("arms", 0.1),
-    "processors": ("processors", 0.1),
     "reproduce": ("reproduce", 3.0),
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),
     "reproduce-labs": ("reproduce --quick --cables cable_1 --labs 0 1 2", 1.0),
