@@ -51,7 +51,7 @@ class Check(AnyTargetOptions):
 
     def run(self) -> int:
         """Check, print what was found, and return the exit status."""
-        from cablecast.cli.options import lab_text, load_lab, polar_text
+        from cablecast.cli.options import load_lab, polar_text
         from cablecast.cli.progress import console_progress
         from cablecast.pipeline.check import PICTURE_FILE, check, remedy
         from cablecast.runs.places import CHECK_FOLDER, cable_folder
@@ -70,7 +70,7 @@ class Check(AnyTargetOptions):
         # Before the work, as a folder may be none to write to.
         out.mkdir(parents=True, exist_ok=True)
         found = check(setup, changes=False, seed=self.seed)
-        print(f"lab      {lab_text(setup)}")
+        print(f"lab      {_lab_text(setup)}")
         print(found.summary)
         for limit in found.limits:
             print(f"  {limit}")
@@ -119,3 +119,12 @@ class Check(AnyTargetOptions):
             f"{100 * new.reset_offset:.0f} cm from straight ahead in simulation; {before}"
         )
         return new.setup
+
+
+def _lab_text(setup: "Setup") -> str:
+    """Return what is assumed of a lab where its file says nothing, in one line."""
+    arm, table, motion = setup.arm, setup.workspace, setup.motion
+    return (
+        f"{arm.model}, base {arm.base_height:g} m above the table, r_max = {table.r_max:.3g} m, "
+        f"reset_y = {table.reset_y:.3g} m, r0 = {motion.r0:.3g} m, v_max = {motion.v_max:g} m/s"
+    )

@@ -238,8 +238,6 @@ def _os_error_text(error: OSError) -> str:
     reason = error.strerror or str(error) or type(error).__name__
     if error.filename:
         text = f"{error.filename}: {reason}"
-        if isinstance(error, (PermissionError, NotADirectoryError)):
-            text += ". Give another folder, to which you may write (--out)"
         cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
         cache = os.environ.get("WARP_CACHE_PATH") or cache
         # Or a folder above it that is not there, such as HOME.
@@ -248,6 +246,8 @@ def _os_error_text(error: OSError) -> str:
                 ". The simulator keeps its compiled kernels there: set WARP_CACHE_PATH to a folder "
                 "that can be written"
             )
+        elif isinstance(error, (PermissionError, NotADirectoryError)):
+            text += ". Give another folder, to which you may write (--out)"
         return text
     return f"standard output or a file cannot be written: {reason}"
 

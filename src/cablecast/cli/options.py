@@ -316,15 +316,6 @@ def casts_text(count: int, cable: str) -> str:
     return f"1 cast of {cable} is" if count == 1 else f"{count} casts of {cable} are"
 
 
-def lab_text(setup: "Setup") -> str:
-    """Return what is assumed of a lab where its file says nothing, in one line."""
-    arm, table, motion = setup.arm, setup.workspace, setup.motion
-    return (
-        f"{arm.model}, base {arm.base_height:g} m above the table, r_max = {table.r_max:.3g} m, "
-        f"reset_y = {table.reset_y:.3g} m, r0 = {motion.r0:.3g} m, v_max = {motion.v_max:g} m/s"
-    )
-
-
 def polar_text(xy: Any) -> str:
     """Return a point on the table in polar and Cartesian coordinates."""
     from cablecast.conventions import xy_to_polar

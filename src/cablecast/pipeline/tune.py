@@ -132,6 +132,7 @@ def _search(
     keep: bool,
 ) -> Tuned:
     training, validation = split
+    *_, fine = engines
     setup, servo = casts.setup, None
     if has_measured_joints(casts) and can_identify_servo(casts):
         progress(Progress(task="Identifying the arm's servo"))
@@ -143,7 +144,7 @@ def _search(
     if isinstance(config, FitConfig):
         tuned = fit_params(setup, training, validation, engines, config, **kept)
     else:
-        tuned = tune_params(setup, training, validation or training, engines[2], config, **kept)
+        tuned = tune_params(setup, training, validation or training, fine, config, **kept)
     tuned = dataclasses.replace(
         tuned.with_servo(None if servo is None else servo.model), fitted_to=casts.fingerprint
     )
@@ -156,7 +157,7 @@ def _search(
     }
     if keep:
         progress(Progress(task="Drawing the tracks"))
-        figure = _figure(tuned, validation or training, engines[2])
+        figure = _figure(tuned, validation or training, fine)
         write_bytes(run.path / TRACKS_FILE, figure)
         del values["history"]
         write_params(run.path, values)

@@ -415,8 +415,8 @@ def _draw_cast(axes: "Axes", evaluation: Evaluation, index: int, scale: Any) -> 
     from matplotlib.collections import LineCollection
 
     track = evaluation.casts[index].track
-    colors = scale.to_rgba(100.0 * track.times / track.times[-1])
     if track.nodes is not None:
+        colors = scale.to_rgba(100.0 * track.times / track.times[-1])
         # One collection: a line for each shape would take seconds.
         shapes = LineCollection(
             list(track.nodes[:-1, :, :2]),

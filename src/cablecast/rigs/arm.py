@@ -292,7 +292,8 @@ class RigArm(RigLifecycle):
                 check_path(way, self.setup, "the turn of the jaws")
                 self._play("cablecast_look", way, RigPhase.READOUT)
             except (JointLimitError, CastAbortedError):
-                # The cast was made, and is kept.
+                # The cast was made, and is kept: nothing is made again.
+                self._aborted = ""
                 return False
             q = self._at_rest()
         return camera.holds_cable(q, self.driver.latest().time) is False

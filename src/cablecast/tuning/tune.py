@@ -6,7 +6,7 @@ widened, and an ensemble. `tune_params` is the paper's Differential Evolution.
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -232,16 +232,15 @@ class _Log:
         After half of the steps the better half of the points goes on, after three quarters of them
         the best third. The misfit is renewed once after the first half of the steps.
         """
-        length, count = self.cable.length, len(state.points)
-        effort = _effort(stage, fit.space)
-        for done in range(iterations):
+        length, effort = self.cable.length, _effort(stage, fit.space)
+        _, *left = _point_counts(len(state.points), iterations)
+        for done, count in enumerate(left):
             self.effort += effort * len(state.points)
             state, is_new = self._step(stage, fit, state)
             if done == iterations // 2:
                 state = fit.rescaled(state)
-            for part, share in _GO_ON:
-                if done + 1 == math.ceil(part * iterations):
-                    state = state.best(math.ceil(share * count))
+            if count < len(state.points):
+                state = state.best(count)
             best, spread = float(state.best().losses[0]), float(state.losses.std())
             self.add(stage, best * length, spread * length, report=is_new)
         self.counts[stage] += fit.simulation_count
@@ -315,8 +314,7 @@ def fit_params(
     """
     config, cable = config or FitConfig(), setup.cable
     stored = StoredSteps(checkpoint)
-    objectives = [TrackObjective(one, cable, training) for one in engines]
-    _, coarse_engine, engine = engines
+    rough, coarse, fine = (TrackObjective(one, cable, training) for one in engines)
     # A rod that has none of what a material adds, as a simulated one may, is followed worse with
     # it: what is typical of a real cable is wrong for it, and parameters make up for that.
     spaces = [SearchSpace.for_cable(cable, names) for names in (config.materials, ())]
@@ -337,7 +335,7 @@ def fit_params(
     fits = []
     for number, space in enumerate(spaces, start=1):
         log.begin(f"fit {number} of {len(spaces)}, ")
-        fits.append(_fit_in(space, objectives, config, log))
+        fits.append(_fit_in(space, rough, coarse, fine, config, log))
     log.begin("")
     likeliest = min(fits, key=lambda fit: fit.neg_log_posterior)
     state, posterior = likeliest.state, likeliest.posterior
@@ -345,14 +343,14 @@ def fit_params(
     members = ()
     if config.ensemble_iterations:
         members = fit_ensemble(
-            TrackFit(objectives[1], posterior.space, posterior.prior),
+            TrackFit(coarse, posterior.space, posterior.prior),
             params,
             state.misfit,
             lambda fit, state: log.run_fit(ENSEMBLE, fit, state, config.ensemble_iterations),
         )
 
     def distances(tracks: MeasuredTracks) -> dict[str, Any]:
-        objective = TrackObjective(engine, cable, tracks)
+        objective = TrackObjective(fine.engine, cable, tracks)
         # Not one batch: worlds with and without material run in kernels of their own.
         both = objective.distances(cable.params).concat(objective.distances(params))
         return _distances(both, tracks, cable)
@@ -370,8 +368,8 @@ def fit_params(
         setup=setup,
         dynamics=Dynamics(params=params),
         members=members,
-        resolution=(engine.segment_count, engine.dt),
-        member_resolution=(coarse_engine.segment_count, coarse_engine.dt),
+        resolution=(fine.engine.segment_count, fine.engine.dt),
+        member_resolution=(coarse.engine.segment_count, coarse.engine.dt),
         posterior=posterior,
         metrics=metrics,
     )
@@ -395,13 +393,17 @@ class _Fit:
 
 
 def _fit_in(
-    space: SearchSpace, objectives: Sequence[TrackObjective], config: FitConfig, log: _Log
+    space: SearchSpace,
+    rough: TrackObjective,
+    coarse: TrackObjective,
+    fine: TrackObjective,
+    config: FitConfig,
+    log: _Log,
 ) -> _Fit:
     """Fit the parameters of a space, wider than given where the casts push against a bound.
 
-    The objectives are those of the first, the next and the last steps; the log records every step.
+    The first steps are those of the rough objective; the log records every step.
     """
-    rough, coarse, fine = objectives
     cable = fine.cable
     prior = ParamPrior.for_cable(cable, space)
     points, misfit = prior.draw(config.start_count, config.seed), MISFIT_START
