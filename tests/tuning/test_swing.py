@@ -142,6 +142,17 @@ def test_check_writes_it_into_the_lab_file_and_keeps_the_rest(
     assert lab.read_text() == text
 
 
+def test_a_swing_that_is_looked_for_in_vain_is_not_advised_again(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(check, "check_tuned", lambda *_, **__: None)
+    lab = tmp_path / "lab.yaml"
+    cc.save_setup(cc.Setup.from_dict(LAB), lab)
+    assert main(["check", "--setup", str(lab), "--tune-swing"]) == 0
+    printed = capsys.readouterr().out
+    assert f"none is better than that of {lab}, which the arm cannot follow" in printed
+    assert "--tune-swing" not in printed
+
+
 def test_check_says_where_it_would_write(capsys):
     assert main(["check", "--cable", "cable_2", "--tune-swing"]) == 2
     assert "--tune-swing writes to a lab file: give --setup" in capsys.readouterr().err

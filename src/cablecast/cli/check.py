@@ -66,7 +66,7 @@ class Check(AnyTargetOptions):
         places = self.targets(setup)
         out = self.out or cable_folder(setup.cable.name) / CHECK_FOLDER
         if self.tune_swing:
-            setup = self._tuned(setup)
+            setup = self._tuned(setup) or setup
         # Before the work, as a folder may be none to write to.
         out.mkdir(parents=True, exist_ok=True)
         found = check(setup, changes=False, seed=self.seed)
@@ -74,7 +74,7 @@ class Check(AnyTargetOptions):
         print(found.summary)
         for limit in found.limits:
             print(f"  {limit}")
-        if found.swing_words:
+        if found.swing_words and not self.tune_swing:
             print(f"swing    {found.swing_words}")
         for xy in places:
             print(f"target   {polar_text(xy)}\n         {found.words_at(xy)}", flush=True)
@@ -88,8 +88,8 @@ class Check(AnyTargetOptions):
         print(f"picture  {out / PICTURE_FILE}")
         return 0 if found.reaches_anything else EXIT_FALLS_SHORT
 
-    def _tuned(self, setup: "Setup") -> "Setup":
-        """Return the set-up with the better swing of its own and one that is looked for."""
+    def _tuned(self, setup: "Setup") -> "Setup | None":
+        """Return the set-up with a swing that is looked for, None if its own is as good."""
         import yaml
 
         from cablecast.cli.progress import console_progress
@@ -101,9 +101,16 @@ class Check(AnyTargetOptions):
         with console_progress() as progress:
             old = check(setup, changes=False, seed=self.seed)
             new = check_tuned(old, seed=self.seed, progress=progress)
+        followed = math.isfinite(old.reset_offset)
         if new is None:
-            print(f"swing    none is better than that of {self.setup}, which stays as it is")
-            return setup
+            ends = "which the arm cannot follow"
+            if followed:
+                ends = (
+                    f"with which a reset leaves the free end {100 * old.reset_offset:.0f} cm from "
+                    "straight ahead in simulation"
+                )
+            print(f"swing    none is better than that of {self.setup}, {ends}")
+            return None
         section = {POLAR_SECTION: new.setup.to_dict()[POLAR_SECTION]}
         try:
             update_lab_file(self.setup, section)
@@ -112,7 +119,7 @@ class Check(AnyTargetOptions):
             print(yaml.safe_dump(section, sort_keys=False))
             raise
         before = f"{100 * old.reset_offset:.0f} cm with the old one"
-        if math.isinf(old.reset_offset):
+        if not followed:
             before = "the arm could not follow the old one"
         print(
             f"swing    the new one of {self.setup}, section `{POLAR_SECTION}`, leaves the free end "
