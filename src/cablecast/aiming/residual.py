@@ -74,7 +74,7 @@ class ResidualScales:
 
     amplitude: float = 0.055
     noise: float = 0.04
-    length: float = 1.25
+    length: float = 0.8
     power: float = 0.9
     friction: float = FRICTION_SIZE
 
@@ -98,11 +98,10 @@ class ResidualScales:
 
 PRIOR_DEVIATIONS = np.array([0.5, 0.2, 0.4, 0.25])
 """Standard deviations of the numbers of `ResidualScales.to_array` about its defaults. The defaults
-are near those of the residuals between two simulators of other parameters and resolution, but for
-the length: casts at targets in eleven random laboratories are predicted best, from each other, by
-1.2 to 1.6. The deviation of the noise is small: casts far from each other cannot tell an error of
-the simulator from scatter, and with too much of it corrections stop half-way. Where equal casts do
-scatter more, casts near each other tell it (`Experience`)."""
+are near those of the residuals between two simulators of other parameters and resolution. That of
+the noise is small: casts far from each other cannot tell an error of the simulator from scatter,
+and with too much scatter corrections stop half-way. Where equal casts do scatter more, casts near
+each other tell it (`Experience`)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
