@@ -73,7 +73,7 @@ QUOTED: dict[str, tuple[str, float]] = {
     "labs": ("labs --count 50", 0.3),
     "promises": ("promises", 1.5),
     "resets": ("resets --count 60", 0.6),
-    "waits": ("waits --cables cable_1 --targets 5", 0.1),
+    "waits": ("waits --cables cable_1 --targets 3", 0.1),
     "arms": ("arms", 0.1),
     "reproduce": ("reproduce", 3.0),
     "reproduce-pybullet": ("reproduce --quick --cables cable_1 --engine pybullet", 1.0),
