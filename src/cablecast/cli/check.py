@@ -65,8 +65,8 @@ class Check(AnyTargetOptions):
             return check_strikes(self, setup)
         places = self.targets(setup)
         out = self.out or cable_folder(setup.cable.name) / CHECK_FOLDER
-        if self.tune_swing:
-            setup = self._tuned(setup) or setup
+        tuned = self._tuned(setup) if self.tune_swing else None
+        setup = tuned or setup
         # Before the work, as a folder may be none to write to.
         out.mkdir(parents=True, exist_ok=True)
         found = check(setup, changes=False, seed=self.seed)
@@ -74,7 +74,8 @@ class Check(AnyTargetOptions):
         print(found.summary)
         for limit in found.limits:
             print(f"  {limit}")
-        if found.swing_words and not self.tune_swing:
+        # What was just looked for in vain is not advised.
+        if found.swing_words and (tuned or not self.tune_swing):
             print(f"swing    {found.swing_words}")
         for xy in places:
             print(f"target   {polar_text(xy)}\n         {found.words_at(xy)}", flush=True)
@@ -101,15 +102,14 @@ class Check(AnyTargetOptions):
         with console_progress() as progress:
             old = check(setup, changes=False, seed=self.seed)
             new = check_tuned(old, seed=self.seed, progress=progress)
-        followed = math.isfinite(old.reset_offset)
         if new is None:
-            ends = "which the arm cannot follow"
-            if followed:
-                ends = (
-                    f"with which a reset leaves the free end {100 * old.reset_offset:.0f} cm from "
-                    "straight ahead in simulation"
-                )
-            print(f"swing    none is better than that of {self.setup}, {ends}")
+            which = (
+                f"with which a reset leaves the free end {100 * old.reset_offset:.0f} cm from "
+                "straight ahead in simulation"
+            )
+            if math.isinf(old.reset_offset):
+                which = "which the arm cannot follow"
+            print(f"swing    none is better than that of {self.setup}, {which}")
             return None
         section = {POLAR_SECTION: new.setup.to_dict()[POLAR_SECTION]}
         try:
@@ -119,7 +119,7 @@ class Check(AnyTargetOptions):
             print(yaml.safe_dump(section, sort_keys=False))
             raise
         before = f"{100 * old.reset_offset:.0f} cm with the old one"
-        if not followed:
+        if math.isinf(old.reset_offset):
             before = "the arm could not follow the old one"
         print(
             f"swing    the new one of {self.setup}, section `{POLAR_SECTION}`, leaves the free end "
